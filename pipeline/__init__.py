@@ -1,0 +1,1 @@
+"""Constrained motion planning with learned samplers: the library behind the stages."""

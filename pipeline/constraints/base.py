@@ -1,0 +1,181 @@
+"""Implicit constraints F(q) = 0, each written once as a CasADi expression.
+
+From the one expression come the value, the Jacobian, the Newton step of Algorithm 1 (compnetx.txt, section II-B), the
+batch version, the symbolic step inside whole-edge functions, and OMPL's callbacks.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from pipeline.constraints.compiled import Compiled, compiled
+from pipeline.errors import ConstraintError
+
+_RANK_TOLERANCE = 1e-8  # a singular value below this share of the largest counts as zero
+_BLOCK = 64  # configurations per batch call; larger blocks gain nothing, smaller ones pay the call
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Outcome of a projection.
+
+    Attributes:
+        q: the last configuration (n,).
+        converged: whether ||F(q)|| is below the tolerance.
+        iterations: Newton steps taken.
+    """
+
+    q: np.ndarray
+    converged: bool
+    iterations: int
+
+
+class Constraint:
+    """An implicit constraint F(q) = 0 with k rows on n variables, 0 < k < n.
+
+    Args:
+        name: how errors and reports call it.
+        q: the configuration symbol (n, 1).
+        expression: F as an expression of q (k, 1), in metres and radians.
+        tolerance: q counts as on the manifold when ||F(q)||_2 is below it (0.001: compnetx.txt, appendix D).
+        max_iterations: of Algorithm 1 (50: compnetx.txt, appendix D).
+
+    Raises:
+        ConstraintError: wrong shapes, free symbols other than q, or no positive tolerance.
+    """
+
+    def __init__(
+        self, name: str, q: ca.SX, expression: ca.SX, tolerance: float = 1e-3, max_iterations: int = 50
+    ) -> None:
+        self.name = name
+        self.n, self.k = q.numel(), expression.numel()
+        if not 0 < self.k < self.n:
+            raise ConstraintError(
+                f"constraint {name!r} has {self.k} rows on {self.n} variables; a manifold needs 0 < rows < variables"
+            )
+        if not 0 < tolerance < np.inf:
+            raise ConstraintError(f"constraint {name!r} has tolerance {tolerance}; it must be finite and above 0")
+        if max_iterations < 1:
+            raise ConstraintError(f"constraint {name!r} has {max_iterations} iterations; it needs at least 1")
+        free = [str(s) for s in ca.symvar(expression) if not ca.depends_on(q, s)]
+        if free:
+            raise ConstraintError(f"constraint {name!r} depends on symbols other than its configuration: {free}")
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+        self.function = ca.Function("F", [q], [ca.densify(ca.vec(expression))])
+        jacobian = ca.densify(ca.jacobian(ca.vec(expression), q))
+        self.function_jacobian = ca.Function("F_J", [q], [ca.densify(ca.vec(expression)), jacobian])
+        self._value = compiled("F", [q], [self.function(q)])
+        self._jacobian = compiled("J", [q], [jacobian.T])
+
+    @property
+    def manifold_dimension(self) -> int:
+        """n - k, where the constraint has full rank."""
+        return self.n - self.k
+
+    def newton(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return F(q) and the next iterate q - J(q)^+ F(q) (Algorithm 1, line 6) as expressions."""
+        F, J = self.function_jacobian(q)
+        return F, q - J.T @ ca.solve(J @ J.T, F)
+
+    def projected(self, q: ca.SX, iterations: int) -> tuple[ca.SX, ca.SX]:
+        """Return Algorithm 1 unrolled: the configuration after at most `iterations` steps, and its ||F||^2.
+
+        As in the algorithm an iterate within the tolerance is left as it is.
+        """
+        for _ in range(iterations):
+            F, following = self.newton(q)
+            q = ca.if_else(ca.sumsqr(F) < self.tolerance**2, q, following)
+        return q, ca.sumsqr(self.function(q))
+
+    def value(self, q: np.ndarray) -> np.ndarray:
+        """Return F(q) (k,)."""
+        return self._value(q)[0].copy()
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Return dF/dq (k, n)."""
+        return self._jacobian(q)[0].reshape(self.k, self.n).copy()
+
+    def distance(self, q: np.ndarray) -> float:
+        """Return ||F(q)||_2."""
+        return float(np.linalg.norm(self._value(q)[0]))
+
+    def satisfied(self, q: np.ndarray) -> bool:
+        """True when ||F(q)||_2 is below the tolerance; False for a q that is not finite."""
+        return self.distance(q) < self.tolerance
+
+    def project(self, q: np.ndarray) -> Projection:
+        """Project q (n,) onto the manifold (Algorithm 1). Idempotent: a q within the tolerance comes back as it is."""
+        step = self._step
+        q = np.array(q, float)
+        squared = self.tolerance**2
+        for iteration in range(self.max_iterations):
+            following, violation = step(q)
+            if violation[0] < squared:
+                return Projection(q, True, iteration)
+            q = following.copy()
+        return Projection(q, self.satisfied(q), self.max_iterations)
+
+    def value_batch(self, Q: np.ndarray) -> np.ndarray:
+        """Return F of every row of Q (N, n) as (N, k)."""
+        found = np.empty((len(Q), self.k))
+        for first in range(0, len(Q), _BLOCK):
+            block = Q[first : first + _BLOCK]
+            self._value_block.arguments[0][: len(block)] = block
+            found[first : first + _BLOCK] = self._value_block.evaluate()[0].reshape(_BLOCK, self.k)[: len(block)]
+        return found
+
+    def project_batch(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project every row of Q (N, n) by Algorithm 1; return the configurations (N, n) and which converged (N,)."""
+        Q = np.array(Q, float)
+        converged = np.zeros(len(Q), bool)
+        for first in range(0, len(Q), _BLOCK):
+            rows = slice(first, min(first + _BLOCK, len(Q)))
+            count = rows.stop - rows.start
+            block = self._step_block
+            block.arguments[0][:count] = Q[rows]
+            for _ in range(self.max_iterations + 1):
+                following, violation = block.evaluate()
+                done = violation.reshape(-1)[:count] < self.tolerance**2
+                if done.all():
+                    break
+                block.arguments[0][:count] = np.where(done[:, None], block.arguments[0][:count], following[:count])
+            Q[rows], converged[rows] = block.arguments[0][:count], done
+            block.arguments[0][...] = block.arguments[0][0]
+        return Q, converged
+
+    def frame(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return orthonormal bases of the tangent space (n, n - k) and the normal space (n, k) at q.
+
+        The tangent basis solves eq. (1) of compnetx.txt: J Phi = 0, Phi^T Phi = I.
+
+        Raises:
+            ConstraintError: the Jacobian at q has rank below k, so there is no manifold of dimension n - k there.
+        """
+        _, singular, V = np.linalg.svd(self.jacobian(q))
+        if not singular[-1] > _RANK_TOLERANCE * max(singular[0], 1.0):
+            rank = int((singular > _RANK_TOLERANCE * max(singular[0], 1.0)).sum())
+            raise ConstraintError(
+                f"constraint {self.name!r} has rank {rank} of {self.k} at q = {np.array2string(q, precision=4)}: "
+                f"singular values {np.array2string(singular, precision=2)}"
+            )
+        return np.ascontiguousarray(V[self.k :].T), np.ascontiguousarray(V[: self.k].T)
+
+    @cached_property
+    def _step(self) -> Compiled:
+        return Compiled(self._newton_function)
+
+    @cached_property
+    def _step_block(self) -> Compiled:
+        return Compiled(self._newton_function.map(_BLOCK))
+
+    @cached_property
+    def _value_block(self) -> Compiled:
+        return Compiled(self.function.map(_BLOCK))
+
+    @cached_property
+    def _newton_function(self) -> ca.Function:
+        q = ca.SX.sym("q", self.n)
+        F, following = self.newton(q)
+        return ca.Function("newton", [q], [ca.densify(following), ca.sumsqr(F)])

@@ -1,0 +1,222 @@
+"""Constraint adherence: how a planner moves on a manifold it does not know.
+
+An adherence method binds a constraint, a validity checker and its parameters. Its one contract is `traverse`
+(Algorithms 2-4 of compnetx.txt). Steps are computed several at a time by one CasADi function that also tells, per
+step, why the walk would stop; Python only reads the codes and asks for collisions. The result is that of the
+step-by-step algorithm.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from enum import Enum
+
+import casadi as ca
+import numpy as np
+
+from pipeline.constraints import Constraint
+from pipeline.errors import ConfigError
+from pipeline.robots import Validity
+
+
+class Stop(Enum):
+    """Why a traversal ended; the values of the first group are the codes of the edge functions."""
+
+    NONE = 0
+    NOT_CONVERGED = 1  # a projection did not reach the manifold
+    AWAY = 2  # the step led away from the target (d2 > d1)
+    LEAP = 3  # the step was longer than lambda_1 gamma
+    WANDERED = 4  # the way is longer than lambda_2 times the straight line
+    STALLED = 5  # the step was shorter than epsilon (charts only)
+    OUT_OF_BOUNDS = 6  # a joint limit
+    FOLDED = 7  # the target's image in the chart was reached, the target was not (charts only)
+    ARRIVED = 8  # within one step of the target
+    LEFT_CHART = 9  # inside an edge function only: the chart is no longer valid
+    COLLISION = 10
+    STEP_LIMIT = 11
+    NO_CHART = 12  # the atlas is full, or the Jacobian has lost rank
+    REACHED = 13  # the target is the last state
+
+
+@dataclass(frozen=True)
+class Traversal:
+    """The states reached on the way from one configuration to another.
+
+    Attributes:
+        states: (T, n), without the first configuration; empty when the first step already failed. The last row is the
+            target exactly when `reached`.
+        stop: why it ended.
+    """
+
+    states: np.ndarray
+    stop: Stop
+
+    @property
+    def reached(self) -> bool:
+        """True when the last state is the target."""
+        return self.stop is Stop.REACHED
+
+
+@dataclass
+class Counters:
+    """Machine-independent work of one plan."""
+
+    traversals: int = 0
+    projections: int = 0  # configurations brought onto the manifold by Newton iterations
+    collision_checks: int = 0
+    samples: int = 0
+    fallback_samples: int = 0  # of these, drawn by the classical sampler because the learned one was exhausted
+    nearest_queries: int = 0
+    network_calls: int = 0
+    charts: int = 0
+    repairs: int = 0  # edges removed because the finer walk along a found path failed
+
+
+@dataclass(frozen=True)
+class AdherenceParameters:
+    """Parameters all methods share (compnetx.txt, appendix D, where no other source is given).
+
+    Attributes:
+        step: gamma, length of a step [rad or m].
+        leap: lambda_1, a step longer than this many gammas ends the walk.
+        wander: lambda_2, a way longer than this many straight lines ends the walk.
+        max_steps: the loop limit N. Not 50 as for projections: 50 steps of 0.05 do not cross a unit sphere.
+        newton_steps: Newton steps inside a walk; from a step away it converges quadratically, so that more than this
+            many means that it does not (measured on the sphere: at most 2).
+        resolution: spacing of the finer walk along a found path [rad or m].
+        lookahead: steps computed per call of the edge function; costs memory and, past a stop, wasted steps.
+    """
+
+    step: float = 0.05
+    leap: float = 2.0
+    wander: float = 2.0
+    max_steps: int = 200
+    newton_steps: int = 5
+    resolution: float = 0.01
+    lookahead: int = 8
+
+    def __post_init__(self) -> None:
+        for name in ("step", "leap", "wander", "resolution"):
+            _require(name, getattr(self, name), 0.0, np.inf)
+        for name in ("max_steps", "newton_steps", "lookahead"):
+            _require(name, getattr(self, name), 0, np.inf)
+        if self.resolution > self.step:
+            raise ConfigError(f"adherence.resolution is {self.resolution}; it must be at most step = {self.step}")
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A walk along given states at the finer resolution.
+
+    Attributes:
+        states: the given states, each brought onto the manifold (T, n).
+        invalid: index i of the first segment (states[i], states[i + 1]) that fails; None when all hold.
+    """
+
+    states: np.ndarray
+    invalid: int | None
+
+
+class Adherence(ABC):
+    """A manifold made walkable: constraint, validity and parameters in one object. Lives in one process."""
+
+    def __init__(self, constraint: Constraint, validity: Validity, parameters: AdherenceParameters) -> None:
+        if constraint.n != validity.robot.dimension:
+            raise ConfigError(
+                f"constraint {constraint.name!r} has {constraint.n} variables, "
+                f"robot {validity.robot.name!r} has {validity.robot.dimension} joints"
+            )
+        self.constraint, self.validity, self.parameters = constraint, validity, parameters
+        self.lower, self.upper = validity.robot.lower, validity.robot.upper
+        self.counters = Counters()
+        self._checks_before = validity.checks
+
+    @property
+    def dimension(self) -> int:
+        """Number of configuration variables n."""
+        return self.constraint.n
+
+    def reset(self, validity: Validity | None = None) -> None:
+        """Forget the last problem (counters, charts); with `validity`, move to another scene."""
+        if validity is not None:
+            self.validity = validity
+        self.counters = Counters()
+        self._checks_before = self.validity.checks
+
+    def counted(self) -> Counters:
+        """Return a copy of the counters since the last reset."""
+        now = Counters(**{f.name: getattr(self.counters, f.name) for f in fields(Counters)})
+        now.collision_checks = self.validity.checks - self._checks_before
+        return now
+
+    @abstractmethod
+    def traverse(self, q_from: np.ndarray, q_to: np.ndarray) -> Traversal:
+        """Walk on the manifold from q_from towards q_to, both valid and on the manifold (n,)."""
+
+    @abstractmethod
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return up to `count` configurations on the manifold and within bounds (m, n); collisions are not checked."""
+
+    def anchor(self, q: np.ndarray) -> None:
+        """Tell the method that q (n,) is a start or goal; charts begin there."""
+
+    def project(self, Q: np.ndarray) -> np.ndarray:
+        """Project rows of Q (N, n) and return those that converged within bounds (m, n)."""
+        self.counters.projections += len(Q)
+        X, converged = self.constraint.project_batch(Q)
+        with np.errstate(invalid="ignore"):
+            inside = ((X >= self.lower) & (X <= self.upper)).all(axis=1)
+        return X[converged & inside]
+
+    def refine(self, states: np.ndarray) -> Refined:
+        """Walk along `states` (T, n) at `resolution`: project, check bounds and collisions in between.
+
+        Rejects also a segment whose in-between points are farther apart on the manifold than a leap, which is how a
+        jump between two sheets of a manifold shows.
+        """
+        parameters = self.parameters
+        self.counters.projections += len(states)
+        states, converged = self.constraint.project_batch(states)
+        if not converged.all():
+            return Refined(states, max(int(np.argmin(converged)) - 1, 0))
+        gaps = np.linalg.norm(np.diff(states, axis=0), axis=1)
+        pieces = np.maximum(np.ceil(gaps / parameters.resolution).astype(int), 1)
+        segment = np.repeat(np.arange(len(gaps)), pieces)  # the segment of each point, its end state included
+        last = np.cumsum(pieces)
+        share = (np.arange(len(segment)) - (last - pieces)[segment] + 1) / pieces[segment]
+        points = states[segment] + share[:, None] * (states[segment + 1] - states[segment])
+        self.counters.projections += len(points)
+        points, converged = self.constraint.project_batch(points)
+        leaps = np.linalg.norm(np.diff(points, axis=0, prepend=states[:1]), axis=1)
+        sound = converged & (leaps <= parameters.leap * parameters.resolution)
+        sound &= ((points >= self.lower) & (points <= self.upper)).all(axis=1)
+        for i, good, point in zip(segment.tolist(), sound.tolist(), points, strict=True):
+            if not good or not self.validity.collision_free(point):
+                return Refined(states, i)
+        return Refined(states, None)
+
+    def _ended(self, reached: list[np.ndarray], stop: Stop) -> Traversal:
+        return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)
+
+    def _finish(self, reached: list[np.ndarray], q_to: np.ndarray) -> Traversal:
+        """Within a step of the target: take it, if it is free."""
+        if not self.validity.collision_free(q_to):
+            return self._ended(reached, Stop.COLLISION)
+        reached.append(np.array(q_to, float))
+        return self._ended(reached, Stop.REACHED)
+
+    def _inside(self, q: ca.SX) -> ca.SX:
+        """Expression: 1 when q is within the bounds."""
+        return ca.logic_and(ca.mmin(q - self.lower) >= 0, ca.mmin(self.upper - q) >= 0)
+
+
+def first_code(conditions: list[tuple[ca.SX, Stop]]) -> ca.SX:
+    """Expression: the code of the first condition that holds, 0 when none does."""
+    code = ca.SX(0)
+    for condition, stop in reversed(conditions):
+        code = ca.if_else(condition, stop.value, code)
+    return code
+
+
+def _require(name: str, value: float, above: float, below: float) -> None:
+    if not above < value < below:
+        raise ConfigError(f"adherence.{name} is {value}; it must be above {above} and below {below}")

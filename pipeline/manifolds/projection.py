@@ -1,0 +1,76 @@
+"""Projection-based adherence: Algorithm 2 of compnetx.txt, section II-B."""
+
+import casadi as ca
+import numpy as np
+
+from pipeline.constraints import Constraint, compiled
+from pipeline.manifolds.base import Adherence, AdherenceParameters, Stop, Traversal, first_code
+from pipeline.robots import Validity
+
+
+class ProjectionAdherence(Adherence):
+    """Steps straight towards the target and projects every step.
+
+    Algorithm 2 writes the step as gamma (q_e - q_i). Read literally its length shrinks with the distance and the bound
+    d > lambda_1 gamma means nothing, so the step here has length gamma, as in Algorithms 3 and 4 and in OMPL.
+    """
+
+    def __init__(self, constraint: Constraint, validity: Validity, parameters: AdherenceParameters) -> None:
+        super().__init__(constraint, validity, parameters)
+        n, gamma = constraint.n, parameters.step
+        x, target = ca.SX.sym("x", n), ca.SX.sym("target", n)
+        way, longest = ca.SX.sym("way"), ca.SX.sym("longest")
+        states, codes, q, D = [], [], x, way
+        for _ in range(parameters.lookahead):
+            d1 = ca.norm_2(target - q)
+            following, violation = constraint.projected(q + gamma * (target - q) / d1, parameters.newton_steps)
+            d = ca.norm_2(following - q)
+            d2 = ca.norm_2(target - following)
+            D = D + d
+            converged = violation < constraint.tolerance**2
+            codes.append(
+                first_code(
+                    [
+                        (ca.logic_not(converged), Stop.NOT_CONVERGED),  # also for a NaN
+                        (d2 > d1, Stop.AWAY),
+                        (d > parameters.leap * gamma, Stop.LEAP),
+                        (D > longest, Stop.WANDERED),
+                        (ca.logic_not(self._inside(following)), Stop.OUT_OF_BOUNDS),
+                        (d2 <= gamma, Stop.ARRIVED),
+                    ]
+                )
+            )
+            states.append(following)
+            q = following
+        self._edge = compiled(
+            "projection_edge", [x, target, way, longest], [ca.horzcat(*states), ca.vertcat(*codes), D]
+        )
+
+    def traverse(self, q_from: np.ndarray, q_to: np.ndarray) -> Traversal:
+        """Walk by Algorithm 2."""
+        self.counters.traversals += 1
+        collision_free = self.validity.collision_free
+        straight = float(np.linalg.norm(q_to - q_from))
+        reached: list[np.ndarray] = []
+        if straight <= self.parameters.step:
+            return self._finish(reached, q_to)
+        q, way, longest = q_from, 0.0, self.parameters.wander * straight
+        while True:
+            states, codes, D = self._edge(q, q_to, way, longest)
+            states = states.copy()
+            for state, code in zip(states, codes.tolist(), strict=True):
+                self.counters.projections += 1
+                if code and code != Stop.ARRIVED.value:
+                    return self._ended(reached, Stop(int(code)))
+                if not collision_free(state):
+                    return self._ended(reached, Stop.COLLISION)
+                reached.append(state)
+                if code:
+                    return self._finish(reached, q_to)
+                if len(reached) >= self.parameters.max_steps:
+                    return self._ended(reached, Stop.STEP_LIMIT)
+            q, way = states[-1], float(D[0])
+
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Project uniform samples of the joint box (uniform there, not on the manifold)."""
+        return self.project(rng.uniform(self.lower, self.upper, (count, self.dimension)))

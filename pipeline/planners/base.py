@@ -1,0 +1,201 @@
+"""What every planner takes and gives."""
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import ConfigError, ProblemError
+from pipeline.manifolds import Adherence, Counters
+from pipeline.samplers.base import Sampler
+
+
+class PlanStatus(Enum):
+    """How a plan ended."""
+
+    SOLVED = "solved"
+    TIME_LIMIT = "time limit"
+    ITERATION_LIMIT = "iteration limit"
+    FAILED = "failed"  # the planner gave up by itself
+
+
+@dataclass(frozen=True)
+class Termination:
+    """When to stop; at least one of the first two must be given. Repeatable work ends by iterations, not by the clock.
+
+    Attributes:
+        time_limit: [s].
+        max_iterations: of the planner's outer loop.
+        cost_below: keep improving until the path is shorter than this; None stops at the first path. Only planners
+            that improve paths use it.
+    """
+
+    time_limit: float | None = None
+    max_iterations: int | None = None
+    cost_below: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_limit is None and self.max_iterations is None:
+            raise ConfigError("termination needs a time_limit [s] or max_iterations; both are empty")
+        for name in ("time_limit", "max_iterations", "cost_below"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ConfigError(f"termination.{name} is {value}; it must be finite and above 0")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A start and a goal on the manifold of an adherence method, in the scene its validity checker holds.
+
+    Attributes:
+        adherence: manifold, obstacles and parameters.
+        start, goal: configurations (n,).
+        scene: key of the scene for samplers that condition on it.
+    """
+
+    adherence: Adherence
+    start: np.ndarray
+    goal: np.ndarray
+    scene: str | None = None
+
+    def check(self) -> None:
+        """Refuse a start or goal that no path can have.
+
+        Raises:
+            ProblemError: wrong size, not finite, outside the bounds, off the manifold or in collision; the message
+                names which, the value and the bound.
+        """
+        space = self.adherence
+        for name, q in (("start", self.start), ("goal", self.goal)):
+            q = np.asarray(q, float)
+            if q.shape != (space.dimension,):
+                raise ProblemError(f"{name} has shape {q.shape}, the robot has {space.dimension} joints")
+            if not np.isfinite(q).all():
+                raise ProblemError(f"{name} is not finite: {q.tolist()}")
+            for joint, value, low, high in zip(
+                space.validity.robot.joint_names, q, space.lower, space.upper, strict=True
+            ):
+                if not low <= value <= high:
+                    raise ProblemError(f"{name}: joint {joint} is {value:.6g}, outside its limits [{low:.6g}, {high:.6g}]")
+            distance = space.constraint.distance(q)
+            if not distance < space.constraint.tolerance:
+                raise ProblemError(
+                    f"{name} is off the manifold {space.constraint.name!r}: ||F|| = {distance:.3g}, "
+                    f"tolerance {space.constraint.tolerance:.3g}; project it first"
+                )
+            if not space.validity.collision_free(q):
+                raise ProblemError(
+                    f"{name} is in collision: clearance {space.validity.clearance(q):.4g} m, "
+                    f"margin {space.validity.margin:.4g} m"
+                )
+
+
+@dataclass(frozen=True)
+class PlanResult:
+    """What came of a plan.
+
+    Attributes:
+        status: how it ended.
+        path: (T, n) from start to goal on the manifold, neighbours at most a leap apart; (0, n) when not solved.
+        planning_time: wall clock, network calls and the finer walk included [s].
+        network_time: of this, inside the network [s].
+        iterations: of the planner's outer loop.
+        counters: machine-independent work.
+        seed: of the problem's random stream.
+    """
+
+    status: PlanStatus
+    path: np.ndarray
+    planning_time: float
+    network_time: float
+    iterations: int
+    counters: Counters
+    seed: int
+
+    @property
+    def solved(self) -> bool:
+        """True when the planner claims a path; it counts only after the verifier has passed it."""
+        return self.status is PlanStatus.SOLVED
+
+    def row(self) -> dict[str, Any]:
+        """Return the flat record of a trial (all but the path)."""
+        return {
+            "status": self.status.value,
+            "claimed": self.solved,
+            "planning_time": self.planning_time,
+            "network_time": self.network_time,
+            "iterations": self.iterations,
+            "seed": self.seed,
+            **asdict(self.counters),
+        }
+
+
+class Clock:
+    """Counts iterations and time of one plan against its termination."""
+
+    def __init__(self, termination: Termination) -> None:
+        self.begin = time.perf_counter()
+        self.iterations = 0
+        self._limit = np.inf if termination.max_iterations is None else termination.max_iterations
+        self._end = np.inf if termination.time_limit is None else self.begin + termination.time_limit
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the plan began."""
+        return time.perf_counter() - self.begin
+
+    def out_of_time(self) -> bool:
+        """True when the time limit has passed; for inner loops."""
+        return time.perf_counter() >= self._end
+
+    def tick(self) -> PlanStatus | None:
+        """Count one iteration; return the status to stop with, or None to go on."""
+        if self.iterations >= self._limit:
+            return PlanStatus.ITERATION_LIMIT
+        if self.out_of_time():
+            return PlanStatus.TIME_LIMIT
+        self.iterations += 1
+        return None
+
+
+class Planner(ABC):
+    """A search for a path; knows nothing about projection, charts or collision."""
+
+    def plan(self, problem: Problem, sampler: Sampler, termination: Termination, seed: int) -> PlanResult:
+        """Search until solved or terminated. Failure is a result, never an exception.
+
+        Raises:
+            ProblemError: the start or goal is invalid (see `Problem.check`).
+        """
+        problem.check()
+        space = problem.adherence
+        space.reset()
+        clock = Clock(termination)
+        sampler.start(space, np.random.default_rng(seed), problem.scene)
+        space.anchor(problem.start)
+        space.anchor(problem.goal)
+        status, path = self._search(problem, sampler, termination, clock)
+        elapsed = clock.elapsed
+        return PlanResult(
+            status=status,
+            path=path if path is not None else np.empty((0, space.dimension)),
+            planning_time=elapsed,
+            network_time=getattr(sampler, "network_time", 0.0),
+            iterations=clock.iterations,
+            counters=space.counted(),
+            seed=seed,
+        )
+
+    @abstractmethod
+    def _search(
+        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+    ) -> tuple[PlanStatus, np.ndarray | None]:
+        """Run the search; return its status and the path (T, n) when solved."""
+
+
+def path_length(path: np.ndarray) -> float:
+    """Return the length of a path (T, n) in the configuration space [rad or m]; 0 for fewer than two states."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())

@@ -1,0 +1,36 @@
+"""The sampler protocol: where a planner looks next."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from pipeline.manifolds import Adherence, Counters
+
+
+class Sampler(ABC):
+    """Proposes configurations. Bound to one problem by `start`, then asked by the planner.
+
+    Attributes:
+        batch: K, how many configurations a batch planner should ask for at a time.
+        informed: whether proposals depend on `current` and `target`; a planner need not select them otherwise.
+    """
+
+    batch: int = 1
+    informed: bool = False
+
+    def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:
+        """Bind to a problem: the manifold to sample, the problem's own random stream, the scene to condition on."""
+        self.adherence, self.rng, self.scene = adherence, rng, scene
+
+    @property
+    def counters(self) -> Counters:
+        """The counters of the running plan."""
+        return self.adherence.counters
+
+    @abstractmethod
+    def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Return at most K configurations on the manifold (m, n) for K current and K target ones (K, n) each.
+
+        Fewer than K where a proposal could not be brought onto the manifold within the bounds; collisions are not
+        checked here.
+        """
