@@ -144,4 +144,6 @@ def _check(path: Path, expected: str, schema: str, version: str) -> None:
     if schema != expected:
         raise ArtifactError(f"{path} holds schema {schema or 'none'!r}, expected {expected!r}")
     if version != str(VERSION):
-        raise ArtifactError(f"{path} has version {version or 'none'!r} of schema {expected!r}, this code reads {VERSION}")
+        raise ArtifactError(
+            f"{path} has version {version or 'none'!r} of schema {expected!r}, this code reads {VERSION}"
+        )

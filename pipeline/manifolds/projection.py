@@ -20,7 +20,7 @@ class ProjectionAdherence(Adherence):
         n, gamma = constraint.n, parameters.step
         x, target = ca.SX.sym("x", n), ca.SX.sym("target", n)
         way, longest = ca.SX.sym("way"), ca.SX.sym("longest")
-        states, codes, q, D = [], [], x, way
+        points, codes, q, D = [], [], x, way
         for _ in range(parameters.lookahead):
             d1 = ca.norm_2(target - q)
             following, violation = constraint.projected(q + gamma * (target - q) / d1, parameters.newton_steps)
@@ -40,36 +40,37 @@ class ProjectionAdherence(Adherence):
                     ]
                 )
             )
-            states.append(following)
+            points += self._chord(q, following)
             q = following
         self._edge = compiled(
-            "projection_edge", [x, target, way, longest], [ca.horzcat(*states), ca.vertcat(*codes), D]
+            "projection_edge", [x, target, way, longest], [ca.horzcat(*points), ca.vertcat(*codes), D]
         )
 
-    def traverse(self, q_from: np.ndarray, q_to: np.ndarray) -> Traversal:
+    def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
         """Walk by Algorithm 2."""
         self.counters.traversals += 1
         collision_free = self.validity.collision_free
         straight = float(np.linalg.norm(q_to - q_from))
         reached: list[np.ndarray] = []
+        limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= self.parameters.step:
-            return self._finish(reached, q_to)
+            return self._finish(reached, q_from, q_to)
         q, way, longest = q_from, 0.0, self.parameters.wander * straight
         while True:
-            states, codes, D = self._edge(q, q_to, way, longest)
-            states = states.copy()
-            for state, code in zip(states, codes.tolist(), strict=True):
+            flat, codes, D = self._edge(q, q_to, way, longest)
+            chords = flat.reshape(len(codes), -1, self.dimension).copy()
+            for chord, code in zip(chords, codes.tolist(), strict=True):
                 self.counters.projections += 1
                 if code and code != Stop.ARRIVED.value:
                     return self._ended(reached, Stop(int(code)))
-                if not collision_free(state):
+                if not all(map(collision_free, chord)):
                     return self._ended(reached, Stop.COLLISION)
-                reached.append(state)
+                reached.append(chord[0])
                 if code:
-                    return self._finish(reached, q_to)
-                if len(reached) >= self.parameters.max_steps:
+                    return self._finish(reached, q_from, q_to)
+                if len(reached) >= limit:
                     return self._ended(reached, Stop.STEP_LIMIT)
-            q, way = states[-1], float(D[0])
+            q, way = chords[-1, 0], float(D[0])
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Project uniform samples of the joint box (uniform there, not on the manifold)."""

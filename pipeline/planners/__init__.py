@@ -1,5 +1,19 @@
 """Planners over any adherence method and any sampler."""
 
 from pipeline.planners.base import Clock, Planner, PlanResult, PlanStatus, Problem, Termination, path_length
+from pipeline.planners.fmt import FmtStar
+from pipeline.planners.rrt import Rrt
+from pipeline.planners.rrtconnect import RrtConnect
 
-__all__ = ["Clock", "PlanResult", "PlanStatus", "Planner", "Problem", "Termination", "path_length"]
+__all__ = [
+    "Clock",
+    "FmtStar",
+    "PlanResult",
+    "PlanStatus",
+    "Planner",
+    "Problem",
+    "Rrt",
+    "RrtConnect",
+    "Termination",
+    "path_length",
+]

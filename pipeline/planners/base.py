@@ -79,7 +79,9 @@ class Problem:
                 space.validity.robot.joint_names, q, space.lower, space.upper, strict=True
             ):
                 if not low <= value <= high:
-                    raise ProblemError(f"{name}: joint {joint} is {value:.6g}, outside its limits [{low:.6g}, {high:.6g}]")
+                    raise ProblemError(
+                        f"{name}: joint {joint} is {value:.6g}, outside its limits [{low:.6g}, {high:.6g}]"
+                    )
             distance = space.constraint.distance(q)
             if not distance < space.constraint.tolerance:
                 raise ProblemError(

@@ -2,17 +2,32 @@
 
 import numpy as np
 
+from pipeline.manifolds import Adherence
 from pipeline.samplers.base import Sampler
 
 
 class UniformSampler(Sampler):
-    """Samples the whole manifold, whatever the start, goal and scene."""
+    """Samples the whole manifold, whatever the start, goal and scene.
 
-    def __init__(self, batch: int = 64) -> None:
-        self.batch = batch
+    Args:
+        batch: K for batch planners.
+        block: samples drawn at a time and handed out one by one; projecting a block costs little more than one.
+    """
+
+    def __init__(self, batch: int = 64, block: int = 32) -> None:
+        self.batch, self.block = batch, block
+
+    def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:
+        """Bind to a problem and forget the samples drawn for the last one."""
+        super().start(adherence, rng, scene)
+        self._drawn = np.empty((0, adherence.dimension))
 
     def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return up to K samples of the manifold (m, n)."""
-        found = self.adherence.sample(self.rng, len(current))
+        count = len(current)
+        if len(self._drawn) < count:
+            fresh = self.adherence.sample(self.rng, max(self.block, count - len(self._drawn)))
+            self._drawn = np.concatenate([self._drawn, fresh])
+        found, self._drawn = self._drawn[:count], self._drawn[count:]
         self.counters.samples += len(found)
         return found

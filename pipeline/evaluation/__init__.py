@@ -1,0 +1,32 @@
+"""Evaluation: the independent verifier and the statistics of trials."""
+
+from pipeline.evaluation.statistics import (
+    Center,
+    Comparison,
+    Interval,
+    McNemar,
+    Method,
+    Summary,
+    mcnemar,
+    paired_interval,
+    summary,
+    wilson,
+)
+from pipeline.evaluation.verifier import Failure, Verdict, VerifierParameters, verify
+
+__all__ = [
+    "Center",
+    "Comparison",
+    "Failure",
+    "Interval",
+    "McNemar",
+    "Method",
+    "Summary",
+    "Verdict",
+    "VerifierParameters",
+    "mcnemar",
+    "paired_interval",
+    "summary",
+    "verify",
+    "wilson",
+]

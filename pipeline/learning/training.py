@@ -1,0 +1,200 @@
+"""Training of CoMPNetX: mean-square error, Adagrad (compnetx.txt, equation 7 and appendix C), resumable and repeatable.
+
+What is random in an epoch follows from (seed, epoch), so that a killed run, continued after its last finished epoch,
+ends with the weights of an unbroken one.
+"""
+
+import hashlib
+import logging
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import lightning
+import numpy as np
+import pandas as pd
+import torch
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint, RichProgressBar
+
+from pipeline.errors import ArtifactError, ConfigError
+from pipeline.files import VERSION, digest
+from pipeline.learning.batches import Batches, TrainingData
+from pipeline.learning.model import Model, Normalisation
+from pipeline.learning.module import CompnetxModule, Curves
+from pipeline.learning.networks import Compnetx, NetworkParameters
+from pipeline.learning.pairs import Pairs
+
+_VALIDATION_BATCH = 4096  # pairs per step without gradients; larger ones gain nothing
+
+
+@dataclass(frozen=True)
+class TrainParameters:
+    """How to train.
+
+    Attributes:
+        epochs: passes over the training pairs (400 in the authors' code).
+        batch_size: pairs per step (256 in the authors' code). Every step encodes its scenes anew, which at 256
+            pairs from 40 scenes is half of its time.
+        learning_rate: of Adagrad (0.01: compnetx.txt, appendix C).
+        seed: of the first weights, the order of the pairs and the dropout masks.
+        threads: of torch; part of what determines the last bits of the weights. No more than there are idle cores:
+            where two threads share a core with another process, a step takes twenty times as long (measured: 1.05 s
+            instead of 0.06 s), unless OMP_WAIT_POLICY=PASSIVE stands in the environment before torch is imported.
+        accelerator: of Lightning; "cpu" repeats to the bit.
+    """
+
+    epochs: int = 400
+    batch_size: int = 256
+    learning_rate: float = 0.01
+    seed: int = 0
+    threads: int = 1
+    accelerator: str = "cpu"
+
+    def __post_init__(self) -> None:
+        for name, bound in (("epochs", 1), ("batch_size", 1), ("seed", 0), ("threads", 1)):
+            if getattr(self, name) < bound:
+                raise ConfigError(f"train.{name} is {getattr(self, name)}; it must be at least {bound}")
+        if not 0 < self.learning_rate < float("inf"):
+            raise ConfigError(f"train.learning_rate is {self.learning_rate}; it must be finite and above 0")
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What came of a training run.
+
+    Attributes:
+        model: the weights of the epoch with the lowest validation loss.
+        curves: one row per epoch: epoch, train_loss, val_loss (see `CompnetxModule`).
+        metrics: scalars that repeat: epochs, best_epoch and its train_loss and val_loss, the number of weights, pairs
+            and scenes.
+        steps_per_second: wall clock of this process, validation included; None when there was nothing left to do.
+    """
+
+    model: Model
+    curves: pd.DataFrame
+    metrics: dict[str, float | int]
+    steps_per_second: float | None
+
+
+def train(
+    parameters: TrainParameters,
+    network: NetworkParameters,
+    normalisation: Normalisation,
+    data: TrainingData,
+    scratch: Path,
+) -> Trained:
+    """Train to the last epoch, continuing a killed run of equal inputs from where it stands in `scratch`.
+
+    Args:
+        parameters: how to train.
+        network: its sizes.
+        normalisation: of configurations.
+        data: pairs and voxel grids.
+        scratch: kept between calls; holds `best.ckpt`, `last.ckpt` and `curves.csv` of each run, in a folder named by
+            the hash of all other arguments, so that a run never continues another one.
+
+    Raises:
+        ConfigError: data that does not fit the network, or a training that diverged.
+        ArtifactError: the run's folder was moved or edited in between.
+    """
+    data.check(network, normalisation)
+    folder = Path(scratch).resolve() / _key(parameters, network, normalisation, data)
+    with _settings(parameters.threads):
+        torch.manual_seed(parameters.seed)  # of the first weights; the rest of the run asks torch for no chance
+        module = CompnetxModule(Compnetx(network), torch.from_numpy(data.voxels).float(), parameters.learning_rate)
+        curves = Curves(folder / "curves.csv")
+        trainer = _trainer(parameters, folder, curves)
+        shared = network, normalisation
+        batches = Batches(data.train, *shared, parameters.batch_size, parameters.seed, lambda: trainer.current_epoch)
+        held_out = Batches(data.validation, *shared, _VALIDATION_BATCH, parameters.seed, None)
+        last = folder / "last.ckpt"
+        trainer.fit(module, batches, held_out, ckpt_path=last if last.is_file() else None, weights_only=True)
+    frame = curves.frame()
+    best = frame.iloc[int(frame["val_loss"].argmin())]
+    model = Model(network, normalisation, _best(folder / "best.ckpt", network, int(best["epoch"])))
+    metrics: dict[str, float | int] = {
+        "epochs": len(frame),
+        "best_epoch": int(best["epoch"]),
+        "train_loss": float(best["train_loss"]),
+        "val_loss": float(best["val_loss"]),
+        "weights": sum(weight.numel() for weight in model.network.parameters()),
+        "train_pairs": len(data.train),
+        "validation_pairs": len(data.validation),
+        "train_scenes": len(np.unique(data.train.scene)),
+        "validation_scenes": len(np.unique(data.validation.scene)),
+    }
+    return Trained(model, frame, metrics, module.steps_per_second)
+
+
+def _trainer(parameters: TrainParameters, folder: Path, curves: Curves) -> lightning.Trainer:
+    on_terminal = sys.stdout.isatty()
+    # Two checkpoint callbacks, because `save_last` skips the epochs that are not the best so far. Best comes first:
+    # the state of the search for it is then part of last.ckpt.
+    callbacks: list[Callback] = [
+        curves,
+        ModelCheckpoint(
+            folder,
+            filename="best",
+            monitor="val_loss",
+            save_weights_only=True,
+            save_on_train_epoch_end=True,
+            enable_version_counter=False,
+        ),
+        ModelCheckpoint(folder, filename="last", save_on_train_epoch_end=True, enable_version_counter=False),
+    ]
+    if on_terminal:
+        callbacks.append(RichProgressBar(refresh_rate=20))
+    return lightning.Trainer(
+        max_epochs=parameters.epochs,
+        accelerator=parameters.accelerator,
+        devices=1,
+        logger=False,
+        callbacks=callbacks,
+        default_root_dir=folder,
+        num_sanity_val_steps=0,
+        enable_progress_bar=on_terminal,
+        enable_model_summary=False,
+        deterministic=True,
+        inference_mode=False,  # the module keeps tensors between steps, which torch would not let training use
+    )
+
+
+def _best(path: Path, parameters: NetworkParameters, epoch: int) -> Compnetx:
+    """Read the weights of the best epoch; Lightning forgets which was best when the folder has moved."""
+    stored = torch.load(path, map_location="cpu", weights_only=True)
+    if stored["epoch"] != epoch:
+        raise ArtifactError(f"{path} is of epoch {stored['epoch']}, the best was {epoch}: delete its folder")
+    network = Compnetx(parameters)
+    network.load_state_dict({name.removeprefix("network."): value for name, value in stored["state_dict"].items()})
+    return network.eval()
+
+
+def _key(
+    parameters: TrainParameters, network: NetworkParameters, normalisation: Normalisation, data: TrainingData
+) -> str:
+    arrays = [data.voxels]
+    for pairs in (data.train, data.validation):
+        arrays += [getattr(pairs, field.name) for field in fields(Pairs)]
+    hashes = [hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() for array in arrays]
+    return digest(VERSION, asdict(parameters), asdict(network), asdict(normalisation), hashes)
+
+
+@contextmanager
+def _settings(threads: int) -> Iterator[None]:
+    """Set the global state of torch and Lightning's log for a run, and leave it as it was found."""
+    before = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
+    log = logging.getLogger("lightning.pytorch")
+    level = log.level
+    torch.set_num_threads(threads)
+    log.setLevel(logging.WARNING)  # below that it lists the accelerators it has not found and advertises
+    try:
+        with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*LeafSpec.*")  # Lightning 2.6.6 calls torch 2.13 the old way
+            yield
+    finally:
+        log.setLevel(level)
+        torch.set_num_threads(before[0])
+        torch.use_deterministic_algorithms(before[1])

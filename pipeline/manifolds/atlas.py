@@ -1,0 +1,166 @@
+"""An atlas: charts that together parameterise a manifold (compnetx.txt, section II-C; Jaillet and Porta)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.constraints import Constraint
+from pipeline.errors import ConfigError, ConstraintError
+from pipeline.manifolds.base import AdherenceParameters
+
+
+@dataclass(frozen=True)
+class AtlasParameters(AdherenceParameters):
+    """Parameters of charts (compnetx.txt, appendix D, where no other source is given).
+
+    Attributes:
+        epsilon: largest distance between chart and manifold [rad or m].
+        alpha: largest angle between a chart and a chord to the manifold [rad] (pi/6; the authors' code: pi/16).
+        rho: radius of a chart's validity region [rad or m].
+        exploration: probability of sampling outside the chart; samples reach rho / (1 - exploration)^(1/d).
+        max_charts: the atlas takes no more than these.
+        separate: whether half-spaces keep charts apart (atlas) or not (tangent bundle).
+    """
+
+    epsilon: float = 0.01
+    alpha: float = np.pi / 6
+    rho: float = 1.5
+    exploration: float = 0.9
+    max_charts: int = 5000
+    separate: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, low, high in (
+            ("epsilon", 0.0, np.inf),
+            ("alpha", 0.0, np.pi / 2),
+            ("rho", 0.0, np.inf),
+            ("exploration", -1e-12, 1.0),
+            ("max_charts", 1, np.inf),
+        ):
+            value = getattr(self, name)
+            if not low < value < high:
+                raise ConfigError(f"adherence.{name} is {value}; it must be above {max(low, 0.0)} and below {high:.4g}")
+
+
+class Chart:
+    """A tangent space at a configuration of the manifold, with an orthonormal basis.
+
+    Attributes:
+        origin: configuration on the manifold (n,).
+        tangent: Phi, basis of the tangent space (n, d).
+        normal: basis of its complement (n, k): the exponential map only moves along it (eq. 3).
+    """
+
+    def __init__(self, index: int, origin: np.ndarray, tangent: np.ndarray, normal: np.ndarray) -> None:
+        self.index, self.origin, self.tangent, self.normal = index, origin, tangent, normal
+        self.walls = np.empty((0, tangent.shape[1]))  # rows w: u is inside where u . w <= |w|^2 / 2
+        self.limits = np.empty(0)
+        self.known = 0  # charts of the atlas that the walls take into account
+
+    def phi(self, u: np.ndarray) -> np.ndarray:
+        """Return the point of the tangent space at u (d,) in the ambient space (n,) (eq. 2)."""
+        return self.origin + self.tangent @ u
+
+    def log(self, q: np.ndarray) -> np.ndarray:
+        """Return psi^-1: the coordinates (d,) of a configuration q (n,) (eq. 4)."""
+        return (q - self.origin) @ self.tangent
+
+
+class Atlas:
+    """Charts of one manifold, grown where they are needed.
+
+    The validity region of eq. (5) is: distance to the chart at most epsilon, angle to it at most alpha, distance from
+    its origin at most rho. The paper prints the angle's condition as |u| / |q_i - q_j| < cos(alpha), which holds for
+    the invalid side: |u| / |q_i - q_j| is the cosine of the angle, large where the chart is good.
+    """
+
+    def __init__(self, constraint: Constraint, parameters: AtlasParameters) -> None:
+        self.constraint, self.parameters = constraint, parameters
+        self.charts: list[Chart] = []
+        self._origins = np.empty((64, constraint.n))
+        self._cosine = float(np.cos(parameters.alpha))
+
+    def __len__(self) -> int:
+        return len(self.charts)
+
+    @property
+    def origins(self) -> np.ndarray:
+        """Origins of all charts (m, n)."""
+        return self._origins[: len(self.charts)]
+
+    def add(self, q: np.ndarray) -> Chart | None:
+        """Add a chart at q (n,) on the manifold; None when the atlas is full or the Jacobian has lost rank there."""
+        if len(self.charts) >= self.parameters.max_charts:
+            return None
+        try:
+            tangent, normal = self.constraint.frame(q)
+        except ConstraintError:
+            return None
+        if len(self.charts) == len(self._origins):
+            self._origins = np.concatenate([self._origins, np.empty_like(self._origins)])
+        chart = Chart(len(self.charts), np.array(q, float), tangent, normal)
+        self._origins[chart.index] = chart.origin
+        self.charts.append(chart)
+        return chart
+
+    def find(self, q: np.ndarray) -> Chart | None:
+        """Return the chart whose validity region and polytope hold q (n,); None without one."""
+        if not self.charts:
+            return None
+        offsets = self.origins - q
+        squared = np.einsum("ij,ij->i", offsets, offsets)
+        nearest = int(squared.argmin())
+        if self._holds(self.charts[nearest], q):
+            return self.charts[nearest]
+        # The owner is among the nearest origins; a few bound the search where chords and tangents differ.
+        for i in np.argsort(squared, kind="stable")[1:4].tolist():
+            if self._holds(self.charts[i], q):
+                return self.charts[i]
+        return None
+
+    def at(self, q: np.ndarray) -> Chart | None:
+        """Return the chart that holds q, or a new one there (GetChart of Algorithms 3 and 4)."""
+        return self.find(q) or self.add(q)
+
+    def _holds(self, chart: Chart, q: np.ndarray) -> bool:
+        u = chart.log(q)
+        return self.in_region(chart, u, q) and self.in_polytope(chart, u)
+
+    def in_region(self, chart: Chart, u: np.ndarray, q: np.ndarray) -> bool:
+        """True when u (d,) and q = psi(u) (n,) satisfy eq. (5)."""
+        length = float(np.sqrt(u @ u))
+        if length > self.parameters.rho:
+            return False
+        offset = q - chart.origin
+        chord = float(np.sqrt(offset @ offset))
+        gap = offset - chart.tangent @ u
+        return bool(np.sqrt(gap @ gap) <= self.parameters.epsilon and length >= self._cosine * chord)
+
+    def in_polytope(self, chart: Chart, u: np.ndarray) -> bool:
+        """True when u (d,) is on the chart's side of all half-spaces; always, where charts are not kept apart."""
+        if not self.parameters.separate:
+            return True
+        self._update_walls(chart)
+        return not (chart.walls @ u > chart.limits).any()
+
+    def outside(self, chart: Chart, U: np.ndarray) -> np.ndarray:
+        """Tell for rows of U (m, d) whether they are outside the chart's polytope (m,)."""
+        if not self.parameters.separate:
+            return np.zeros(len(U), bool)
+        self._update_walls(chart)
+        return (U @ chart.walls.T > chart.limits).any(axis=1)
+
+    def _update_walls(self, chart: Chart) -> None:
+        """Add the half-spaces of charts made since the last look: halfway to each neighbour within 2 rho."""
+        if chart.known == len(self.charts):
+            return
+        offsets = self._origins[chart.known : len(self.charts)] - chart.origin
+        near = np.einsum("ij,ij->i", offsets, offsets) < (2 * self.parameters.rho) ** 2
+        if chart.known <= chart.index:
+            near[chart.index - chart.known] = False
+        if near.any():
+            walls = offsets[near] @ chart.tangent  # (m, d): the neighbours' origins as this chart sees them
+            chart.walls = np.concatenate([chart.walls, walls])
+            chart.limits = np.concatenate([chart.limits, 0.5 * np.einsum("ij,ij->i", walls, walls)])
+        chart.known = len(self.charts)

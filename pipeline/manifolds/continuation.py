@@ -1,0 +1,214 @@
+"""Continuation-based adherence: Algorithms 3 (atlas) and 4 (tangent bundle) of compnetx.txt, section II-C."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from pipeline.constraints import Constraint, compiled
+from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
+from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code
+from pipeline.robots import Validity
+
+_SAMPLE_BLOCK = 32  # samples drawn before the atlas grows over them
+_SAMPLE_ROUNDS = 50  # blocks in a row that may fail before sampling gives up
+
+
+class ContinuationAdherence(Adherence):
+    """Walks in charts. Use `AtlasAdherence` or `TangentBundleAdherence`."""
+
+    lazy: bool  # whether steps stay in the tangent space and are projected only when a chart is left
+
+    def __init__(self, constraint: Constraint, validity: Validity, parameters: AtlasParameters) -> None:
+        super().__init__(constraint, validity, parameters)
+        self.parameters: AtlasParameters = parameters
+        self.atlas = Atlas(constraint, parameters)
+        self._edge = compiled(f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions())
+        origin, tangent, normal, u = self._chart_symbols()
+        q, y, violation = self._exponential(
+            origin + tangent @ u, normal, ca.SX.zeros(constraint.k), 3 * parameters.newton_steps
+        )
+        self._psi = compiled("psi", [origin, tangent, normal, u], [q, violation])
+
+    def reset(self, validity: Validity | None = None) -> None:
+        """Forget the last problem and its charts."""
+        super().reset(validity)
+        self.atlas = Atlas(self.constraint, self.parameters)
+
+    def anchor(self, q: np.ndarray) -> None:
+        """Begin the atlas with a chart at q."""
+        self._chart_at(q)
+
+    def exponential(self, chart: Chart, u: np.ndarray) -> np.ndarray | None:
+        """Return psi(u): the manifold's point orthogonally above u (d,) (eq. 3); None where Newton does not converge."""
+        self.counters.projections += 1
+        q, violation = self._psi(chart.origin, chart.tangent.T, chart.normal.T, u)
+        return q.copy() if violation[0] < self.constraint.tolerance**2 else None
+
+    def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
+        """Walk by Algorithm 3 or 4."""
+        self.counters.traversals += 1
+        parameters = self.parameters
+        straight = float(np.linalg.norm(q_to - q_from))
+        reached: list[np.ndarray] = []
+        limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
+        if straight <= parameters.step:
+            return self._finish(reached, q_from, q_to)
+        chart = self._chart_at(q_from)
+        if chart is None:
+            return self._ended(reached, Stop.NO_CHART)
+        q, u, way, longest = q_from, chart.log(q_from), 0.0, parameters.wander * straight
+        while True:
+            flat, coordinates, codes, ways, gaps = self._edge(
+                chart.origin, chart.tangent.T, chart.normal.T, u, q, q_to, chart.log(q_to), way, longest
+            )
+            outside = self.atlas.outside(chart, coordinates)
+            chords, coordinates = flat.reshape(len(codes), -1, self.dimension).copy(), coordinates.copy()
+            to_target = gaps.tolist()
+            for i, code in enumerate(codes.tolist()):
+                chord = chords[i]
+                self.counters.projections += not self.lazy
+                if code and code < Stop.ARRIVED.value:
+                    return self._ended(reached, Stop(int(code)))
+                leaves = code == Stop.LEFT_CHART.value or outside[i]
+                if leaves and self.lazy:
+                    lifted = self.exponential(chart, coordinates[i])  # Algorithm 4, line 17
+                    if lifted is None:
+                        return self._ended(reached, Stop.NOT_CONVERGED)
+                    chord[0] = lifted
+                if not all(map(self.validity.collision_free, chord)):
+                    return self._ended(reached, Stop.COLLISION)
+                reached.append(chord[0])
+                if to_target[i] <= parameters.step:
+                    return self._finish(reached, q_from, q_to)
+                if code == Stop.ARRIVED.value:  # over the target in the chart: a step away from it, or on another fold
+                    near = to_target[i] <= parameters.leap * parameters.step
+                    return self._finish(reached, q_from, q_to) if near else self._ended(reached, Stop.FOLDED)
+                if len(reached) >= limit:
+                    return self._ended(reached, Stop.STEP_LIMIT)
+                if leaves:
+                    break
+            q, u, way = chord[0], coordinates[i], float(ways[i])
+            if leaves:
+                following = self._chart_at(q)
+                if following is None:
+                    return self._ended(reached, Stop.NO_CHART)
+                chart, u = following, following.log(q)
+
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Sample charts uniformly and their tangent balls beyond rho (IMACS), lift, and grow the atlas over the samples.
+
+        Raises no error when the atlas cannot be sampled: fewer rows come back.
+        """
+        parameters, d = self.parameters, self.constraint.manifold_dimension
+        radius = parameters.rho / (1.0 - parameters.exploration) ** (1.0 / d)
+        found: list[np.ndarray] = []
+        for _ in range(_SAMPLE_ROUNDS):
+            before = len(found)
+            charts = [
+                self.atlas.charts[i] for i in rng.integers(len(self.atlas), size=min(_SAMPLE_BLOCK, count - before))
+            ]
+            directions = rng.normal(size=(len(charts), d))
+            lengths = radius * rng.random(len(charts)) ** (1.0 / d)
+            for chart, direction, length in zip(charts, directions, lengths.tolist(), strict=True):
+                u = direction * (length / np.linalg.norm(direction))
+                q = self.exponential(chart, u)
+                if q is not None and (q >= self.lower).all() and (q <= self.upper).all():
+                    found.append(q)
+                    self._chart_at(q)
+            if len(found) >= count:
+                break
+        return np.array(found) if found else np.empty((0, self.dimension))
+
+    def _chart_at(self, q: np.ndarray) -> Chart | None:
+        chart = self.atlas.at(q)
+        self.counters.charts = len(self.atlas)
+        return chart
+
+    def _chart_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        n, k = self.constraint.n, self.constraint.k
+        return ca.SX.sym("origin", n), ca.SX.sym("tangent", n, n - k), ca.SX.sym("normal", n, k), ca.SX.sym("u", n - k)
+
+    def _exponential(self, base: ca.SX, normal: ca.SX, y: ca.SX, iterations: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Solve eq. (3) from phi(u) = base: Newton on F(base + N y) = 0, which keeps Phi^T (q - base) = 0 by itself.
+
+        Returns q, y and ||F(q)||^2.
+        """
+        tolerance = self.constraint.tolerance**2
+        for _ in range(iterations):
+            F, J = self.constraint.function_jacobian(base + normal @ y)
+            y = ca.if_else(ca.sumsqr(F) < tolerance, y, y - ca.solve(J @ normal, F))
+        q = base + normal @ y
+        return q, y, ca.sumsqr(self.constraint.function(q))
+
+    def _edge_expressions(self) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Steps along a straight line in one chart, with the code of the first condition that ends each."""
+        constraint, parameters = self.constraint, self.parameters
+        gamma = parameters.step
+        origin, tangent, normal, u = self._chart_symbols()
+        q_from, target = ca.SX.sym("q", constraint.n), ca.SX.sym("target", constraint.n)
+        u_target, way, longest = ca.SX.sym("u_target", u.numel()), ca.SX.sym("way"), ca.SX.sym("longest")
+        direction = (u_target - u) / ca.norm_2(u_target - u)
+        q, D, y = q_from, way, normal.T @ (q_from - origin)
+        points, coordinates, codes, ways, gaps = [], [], [], [], []
+        for i in range(parameters.lookahead):
+            d1 = ca.norm_2(target - q)
+            u_next = u + (i + 1) * gamma * direction
+            base = origin + tangent @ u_next
+            if self.lazy:
+                following = base
+                converged = ca.SX(1)
+                # Algorithm 4, line 16, prints |phi(u_i) - q_i| > epsilon, which is 0 there: what can leave epsilon is
+                # the distance to the manifold, here to first order |F|.
+                gap = ca.norm_2(constraint.function(base))
+            else:
+                following, y, violation = self._exponential(base, normal, y, parameters.newton_steps)
+                converged = violation < constraint.tolerance**2
+                gap = ca.norm_2(following - base)
+            d, d2 = ca.norm_2(following - q), ca.norm_2(target - following)
+            D = D + d
+            length = ca.norm_2(u_next)
+            left = ca.logic_or(
+                ca.logic_or(gap > parameters.epsilon, length > parameters.rho),
+                length < np.cos(parameters.alpha) * ca.norm_2(following - origin),
+            )
+            codes.append(
+                first_code(
+                    [
+                        (ca.logic_not(converged), Stop.NOT_CONVERGED),
+                        (d2 > d1, Stop.AWAY),
+                        (d > parameters.leap * gamma, Stop.LEAP),
+                        (d < parameters.epsilon, Stop.STALLED),
+                        (D > longest, Stop.WANDERED),
+                        (ca.logic_not(self._inside(following)), Stop.OUT_OF_BOUNDS),
+                        (left, Stop.LEFT_CHART),
+                        (ca.norm_2(u_target - u_next) <= gamma, Stop.ARRIVED),
+                    ]
+                )
+            )
+            points += self._chord(q, following)
+            coordinates.append(u_next)
+            ways.append(D)
+            gaps.append(d2)
+            q = following
+        arguments = [origin, tangent, normal, u, q_from, target, u_target, way, longest]
+        columns = [ca.vertcat(*codes), ca.vertcat(*ways), ca.vertcat(*gaps)]
+        return arguments, [ca.horzcat(*points), ca.horzcat(*coordinates), *columns]
+
+
+class AtlasAdherence(ContinuationAdherence):
+    """Every state on the manifold, charts kept apart by half-spaces: Algorithm 3."""
+
+    lazy = False
+
+
+class TangentBundleAdherence(ContinuationAdherence):
+    """States in the tangent spaces, within epsilon of the manifold, lifted when a chart is left: Algorithm 4.
+
+    Charts overlap (no half-spaces). `refine` brings the states of a found path onto the manifold.
+    """
+
+    lazy = True
+
+    def __init__(self, constraint: Constraint, validity: Validity, parameters: AtlasParameters) -> None:
+        super().__init__(constraint, validity, replace(parameters, separate=False))

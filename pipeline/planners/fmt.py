@@ -1,0 +1,234 @@
+"""FMT* (Janson et al. 2015) with continued sampling, as compnetx.txt, section VII-A, describes it."""
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.errors import ConfigError
+from pipeline.manifolds import Adherence
+from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
+from pipeline.samplers.base import Sampler
+
+_UNVISITED, _OPEN, _CLOSED = 0, 1, 2
+_START, _GOAL = 0, 1
+
+
+@dataclass(frozen=True)
+class FmtStar(Planner):
+    """A wavefront of least cost over a batch of samples; new samples join one by one when it dies out.
+
+    Attributes:
+        samples: N_init, size of the first batch with start and goal (1000: OMPL's default, used by the authors).
+        radius_multiplier: eta of the number of neighbours (1.1: OMPL's default).
+        from_start: share of the first K learned samples that continue from the start; the others continue from
+            random free configurations. Section V-E names both, section VII-A the second.
+        arrive: a chain of learned samples within this of the goal begins again at a random free configuration
+            [rad or m]: otherwise the batch ends up as a cluster around the goal.
+    """
+
+    samples: int = 1000
+    radius_multiplier: float = 1.1
+    from_start: float = 0.5
+    arrive: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.samples < 3:
+            raise ConfigError(f"planner.samples is {self.samples}; FMT* needs at least 3 (start, goal and one more)")
+        for name, low, high in (
+            ("radius_multiplier", 0.0, np.inf),
+            ("from_start", -1e-12, 1 + 1e-12),
+            ("arrive", -1e-12, np.inf),
+        ):
+            value = getattr(self, name)
+            if not low < value < high:
+                raise ConfigError(f"planner.{name} is {value}; it must be above {low:.2g} and below {high:.2g}")
+
+    def _search(
+        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+    ) -> tuple[PlanStatus, np.ndarray | None]:
+        batch = self._first_batch(problem, sampler, clock)
+        wave = _Wave(problem.adherence, batch, self.radius_multiplier)
+        while True:
+            status = clock.tick()
+            if status is not None:
+                return status, None
+            if wave.front:
+                wave.advance()
+            else:
+                self._sample_again(problem, sampler, wave, clock)
+            if wave.state[_GOAL] != _UNVISITED:
+                path = wave.path()
+                if path is not None:
+                    return PlanStatus.SOLVED, path
+
+    def _first_batch(self, problem: Problem, sampler: Sampler, clock: Clock) -> np.ndarray:
+        """Return start, goal and N_init - 2 free samples, fewer when time runs out (N, n)."""
+        space, K = problem.adherence, sampler.batch
+        found = [problem.start, problem.goal]
+        goals = np.repeat(problem.goal[None], K, axis=0)
+        current = goals
+        if sampler.informed:
+            current = self._random_free(space, sampler, K, clock)
+            current[: round(self.from_start * K)] = problem.start
+        while len(found) < self.samples and not clock.out_of_time():
+            proposals = sampler.sample(current, goals)
+            free = [space.validity.collision_free(q) for q in proposals]
+            found += [q for q, is_free in zip(proposals, free, strict=True) if is_free]
+            if sampler.informed:
+                onward = np.array(free, bool) & (np.linalg.norm(proposals - problem.goal, axis=1) > self.arrive)
+                kept = proposals[onward] if len(proposals) else np.empty((0, space.dimension))
+                current = np.concatenate([kept, self._random_free(space, sampler, K - len(kept), clock)])
+                if len(current) < K:
+                    current = np.concatenate([current, np.repeat(problem.start[None], K - len(current), axis=0)])
+        return np.array(found[: self.samples])
+
+    def _random_free(self, space: Adherence, sampler: Sampler, count: int, clock: Clock) -> np.ndarray:
+        """Return up to `count` free configurations spread over the manifold (m, n)."""
+        found: list[np.ndarray] = []
+        while len(found) < count and not clock.out_of_time():
+            found += [q for q in space.sample(sampler.rng, count - len(found)) if space.validity.collision_free(q)]
+        return np.array(found).reshape(-1, space.dimension)
+
+    def _sample_again(self, problem: Problem, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:
+        """Sample from random tree nodes towards the goal until a sample joins the tree (Algorithm 6)."""
+        K = sampler.batch if sampler.informed else 1
+        goals = np.repeat(problem.goal[None], K, axis=0)
+        while not wave.front and not clock.out_of_time():
+            tree = np.flatnonzero(wave.state[: wave.count] == _CLOSED)
+            current = wave.q[tree[sampler.rng.integers(len(tree), size=K)]]
+            for q in sampler.sample(current, goals):
+                if problem.adherence.validity.collision_free(q):
+                    wave.join(q)
+            if clock.tick() is not None:
+                return
+
+
+class _Wave:
+    """The sets of FMT*: unvisited, open (the front) and closed samples, with their tree."""
+
+    def __init__(self, space: Adherence, batch: np.ndarray, radius_multiplier: float) -> None:
+        self.space = space
+        self.count = len(batch)
+        self.q = batch
+        d = space.constraint.manifold_dimension
+        # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, in the dimension of the manifold.
+        self.k = max(int(np.ceil((2 * radius_multiplier) ** d * (np.e / d) * np.log(self.count))), 1)
+        k = min(self.k + 1, self.count)
+        distances, neighbours = cKDTree(batch).query(batch, k=k)
+        space.counters.nearest_queries += self.count
+        self.neighbours = list(neighbours.reshape(self.count, -1)[:, 1:])
+        self.distances = list(distances.reshape(self.count, -1)[:, 1:])
+        self.cost = np.full(self.count, np.inf)
+        self.state = np.full(self.count, _UNVISITED, np.int8)
+        self.parent = np.full(self.count, -1)
+        self.edges: dict[int, np.ndarray] = {}
+        self.blocked: set[tuple[int, int]] = set()
+        self.front: list[tuple[float, int]] = []
+        self.cost[_START] = 0.0
+        self._open(_START)
+
+    def advance(self) -> None:
+        """Expand the cheapest sample of the front: try each unvisited neighbour from its best open neighbour."""
+        _, z = heapq.heappop(self.front)
+        if self.state[z] != _OPEN:
+            return  # an entry left behind by a repair
+        near = self.neighbours[z]
+        joined = []
+        for x in near[self.state[near] == _UNVISITED].tolist():
+            candidates = self.neighbours[x]
+            is_open = self.state[candidates] == _OPEN
+            is_open |= candidates == z
+            candidates = candidates[is_open]
+            if not len(candidates):
+                candidates, costs = np.array([z]), np.array([self.cost[z] + np.linalg.norm(self.q[z] - self.q[x])])
+            else:
+                costs = self.cost[candidates] + self.distances[x][is_open]
+            best = int(costs.argmin())
+            if self._connect(int(candidates[best]), x):
+                joined.append(x)
+        self.state[z] = _CLOSED
+        for x in joined:
+            self._open(x)
+
+    def join(self, q: np.ndarray) -> bool:
+        """Add a sample and connect it to the cheapest reachable closed neighbour; without one it stays unvisited."""
+        offsets = self.q[: self.count] - q
+        distances = np.sqrt(np.einsum("ij,ij->i", offsets, offsets))
+        self.space.counters.nearest_queries += 1
+        near = np.argpartition(distances, self.k)[: self.k] if self.k < self.count else np.arange(self.count)
+        tree = near[self.state[near] == _CLOSED]
+        if not len(tree):
+            return False
+        x = self._append(q, near, distances[near])
+        for y in tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")].tolist():
+            if self._connect(y, x):
+                self._open(x)
+                return True
+        return False
+
+    def path(self) -> np.ndarray | None:
+        """Return the path to the goal if the finer walk holds; otherwise take the failing branch back."""
+        nodes = [_GOAL]
+        while nodes[-1] != _START:
+            nodes.append(int(self.parent[nodes[-1]]))
+        nodes.reverse()
+        owners = [_START] + [i for i in nodes[1:] for _ in range(len(self.edges[i]))]
+        refined = self.space.refine(np.concatenate([self.q[:1], *(self.edges[i] for i in nodes[1:])]))
+        if refined.invalid is None:
+            return refined.states
+        self.space.counters.repairs += 1
+        self._retract(owners[refined.invalid + 1])
+        return None
+
+    def _connect(self, y: int, x: int) -> bool:
+        if (y, x) in self.blocked:
+            return False
+        walk = self.space.traverse(self.q[y], self.q[x])
+        if not walk.reached:
+            self.blocked.add((y, x))
+            return False
+        self.parent[x] = y
+        self.edges[x] = walk.states
+        self.cost[x] = (
+            self.cost[y] + np.linalg.norm(np.diff(walk.states, axis=0, prepend=self.q[y : y + 1]), axis=1).sum()
+        )
+        return True
+
+    def _open(self, x: int) -> None:
+        self.state[x] = _OPEN
+        heapq.heappush(self.front, (float(self.cost[x]), x))
+
+    def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
+        x = self.count
+        if x == len(self.cost):
+            self.q = np.concatenate([self.q, np.empty_like(self.q)])
+            self.cost = np.concatenate([self.cost, np.full(x, np.inf)])
+            self.state = np.concatenate([self.state, np.full(x, _UNVISITED, np.int8)])
+            self.parent = np.concatenate([self.parent, np.full(x, -1)])
+        self.q[x] = q
+        self.neighbours.append(near)
+        self.distances.append(distances)
+        for i, distance in zip(near.tolist(), distances.tolist(), strict=True):
+            self.neighbours[i] = np.append(self.neighbours[i], x)
+            self.distances[i] = np.append(self.distances[i], distance)
+        self.count += 1
+        return x
+
+    def _retract(self, node: int) -> None:
+        """Block the edge to `node`, make it and all below it unvisited, and reopen what borders on them."""
+        self.blocked.add((int(self.parent[node]), node))
+        below = {node}
+        grown = True
+        while grown:
+            children = {int(i) for i in np.flatnonzero(np.isin(self.parent[: self.count], list(below)))} - below
+            below |= children
+            grown = bool(children)
+        lost = np.array(sorted(below))
+        self.state[lost], self.cost[lost], self.parent[lost] = _UNVISITED, np.inf, -1
+        for i in below:
+            self.edges.pop(i, None)
+        border = np.unique(np.concatenate([self.neighbours[i] for i in below]))
+        for i in border[self.state[border] == _CLOSED].tolist():
+            self._open(i)

@@ -1,0 +1,312 @@
+"""OMPL's own planners on our manifolds: baselines to compare with, and an independent check of our planners.
+
+What OMPL 2.0.1 lets Python replace decides the cut: constraint and validity are ours; sampling, charts and search are
+OMPL's. It keeps the interpreter lock while it searches, so a planner with a second thread (PRM) deadlocks on a
+termination condition written in Python and is stopped by OMPL's own clock.
+
+Repeatability: every random stream of OMPL takes its seed from one global generator when it is made. That generator is
+seeded before each plan and everything that draws is made after that, so one seed gives one path, in any process and
+after any other plans. Not repeatable: what a time limit cuts off, and PRM and PRMstar, whose two threads race.
+"""
+
+import inspect
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from pipeline.constraints import Constraint
+from pipeline.errors import ConfigError
+from pipeline.manifolds import Adherence
+from pipeline.planners.base import PlanResult, PlanStatus, Problem, Termination
+
+_log = logging.getLogger(__name__)
+_SPACES = {
+    "projection": (ob.ProjectedStateSpace, ob.ConstrainedSpaceInformation),
+    "atlas": (ob.AtlasStateSpace, ob.ConstrainedSpaceInformation),
+    "tangent_bundle": (ob.TangentBundleStateSpace, ob.TangentBundleSpaceInformation),
+}
+_THREADED = ("PRM", "PRMstar")
+_SAME = 1e-9  # start and goal come back from OMPL as they went in, but for rounding
+
+
+@dataclass(frozen=True)
+class OmplParameters:
+    """OMPL's parameters; the defaults are OMPL 2.0.1's.
+
+    Attributes:
+        delta: step on the manifold [rad or m].
+        leap: lambda; a step longer than this many deltas ends a walk, and in charts a walk this many times the straight
+            line. Above 1.
+        epsilon: charts only: farthest from the manifold [rad or m].
+        rho: charts only: radius, five deltas [rad or m].
+        alpha: charts only: largest angle to the manifold [rad].
+        exploration: charts only: in [0, 1), how far beyond a chart's radius samples are drawn.
+        backoff: charts only: a step that is too long is tried again this much shorter.
+        charts_per_extension: charts only: most charts that one walk may add.
+        separated: atlas only: whether charts are cut where they meet.
+        range: longest motion a planner adds [rad or m]; None leaves it to OMPL (a fifth of the space).
+        num_samples: FMT and BFMT: samples of the first batch.
+        radius_multiplier: FMT and BFMT: of the connection radius.
+        project_override: False is OMPL used the ordinary way, whose Newton iteration asks Python for each value and
+            each Jacobian. True puts `Constraint.project` in its place, one call per projection; in the projection
+            space only, because charts have an iteration of their own that cannot be replaced.
+    """
+
+    delta: float = 0.05
+    leap: float = 2.0
+    epsilon: float = 0.05
+    rho: float = 0.25
+    alpha: float = np.pi / 8
+    exploration: float = 0.75
+    backoff: float = 0.75
+    charts_per_extension: int = 200
+    separated: bool = True
+    range: float | None = None
+    num_samples: int = 1000
+    radius_multiplier: float = 1.1
+    project_override: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.exploration < 1:
+            raise ConfigError(f"ompl.exploration is {self.exploration}; it must be at least 0 and below 1")
+        bounds = {"leap": (1, np.inf), "alpha": (0, np.pi / 2), "backoff": (0, 1)}
+        rest = ("delta", "epsilon", "rho", "charts_per_extension", "range", "num_samples", "radius_multiplier")
+        for name in (*bounds, *rest):
+            value, (above, below) = getattr(self, name), bounds.get(name, (0, np.inf))
+            if value is not None and not above < value < below:
+                raise ConfigError(f"ompl.{name} is {value}; it must be above {above} and below {below}")
+
+
+@dataclass
+class Callbacks:
+    """How often OMPL asked Python during one plan."""
+
+    values: int = 0  # of the constraint
+    jacobians: int = 0
+    projections: int = 0  # only where `project` is overridden
+    states: int = 0  # validity
+    terminations: int = 0  # most planners ask once per round of their outer loop
+
+
+def available_planners() -> tuple[str, ...]:
+    """Return the names of OMPL's geometric planners that are bound in Python."""
+    found = inspect.getmembers(og, lambda member: inspect.isclass(member) and issubclass(member, ob.Planner))
+    return tuple(name for name, _ in found)
+
+
+class OmplPlanner:
+    """One of OMPL's planners on one of its constrained state spaces.
+
+    Attributes:
+        callbacks: of the last plan.
+
+    Raises:
+        ConfigError: no such planner or space, or a parameter that they do not have.
+    """
+
+    def __init__(self, planner: str, space: str, parameters: OmplParameters | None = None) -> None:
+        self.planner, self.space, self.parameters = planner, space, parameters or OmplParameters()
+        self.callbacks = Callbacks()
+        if planner not in available_planners():
+            raise ConfigError(f"OMPL has no planner {planner!r} in Python; it has: {', '.join(available_planners())}")
+        if space not in _SPACES:
+            raise ConfigError(f"OMPL has no constrained space {space!r}; it has: {', '.join(_SPACES)}")
+        if self.parameters.range is not None and not hasattr(getattr(og, planner), "setRange"):
+            raise ConfigError(f"ompl.range is {self.parameters.range}, but {planner} has no range; leave it empty")
+        if self.parameters.project_override and space != "projection":
+            raise ConfigError(f"ompl.project_override needs the space 'projection'; {space!r} projects by its charts")
+
+    def plan(self, problem: Problem, termination: Termination, seed: int) -> PlanResult:
+        """Search until solved or terminated. Failure is a result, and so is an approximate solution: a failure.
+
+        The path is OMPL's, interpolated on the manifold in steps of about delta, without a finer walk: what touches or
+        jumps between its states is left to the verifier. The time is that of charts, search and interpolation.
+        `counters.projections` is exact where `project` is overridden; otherwise it is the values less the Jacobians,
+        because a Newton iteration ends on a value: that counts every test for the manifold as a projection.
+
+        Raises:
+            ProblemError: the start or goal is invalid (see `Problem.check`).
+            ConfigError: an iteration limit for a planner that only a clock can stop.
+        """
+        if self.planner in _THREADED and termination.max_iterations is not None:
+            raise ConfigError(f"{self.planner} has a second thread and ends by time_limit only; empty max_iterations")
+        problem.check()
+        problem.adherence.reset()
+        calls = self.callbacks = Callbacks()
+        with _silent():
+            # OMPL refuses 0 and takes 32 bits.
+            ou.RNG.setSeed(max(1, int(np.random.SeedSequence(seed).generate_state(1)[0])))
+            status, path, elapsed, charts = self._solve(problem, termination, calls)
+        ordinary = max(0, calls.values - calls.jacobians)
+        projections = calls.projections if self.parameters.project_override else ordinary
+        return PlanResult(
+            status=status,
+            path=path,
+            planning_time=elapsed,
+            network_time=0.0,
+            iterations=calls.terminations,
+            counters=replace(problem.adherence.counted(), projections=projections, charts=charts),
+            seed=seed,
+        )
+
+    def _solve(
+        self, problem: Problem, termination: Termination, calls: Callbacks
+    ) -> tuple[PlanStatus, np.ndarray, float, int]:
+        """Return status, path (T, n), time [s] and number of charts. Everything is made anew, nothing outlives it."""
+        dimension, charted = problem.adherence.dimension, self.space != "projection"
+        path, charts = np.empty((0, dimension)), 0
+        space = self._space(problem.adherence, calls)
+        information = _SPACES[self.space][1](space)
+        information.setStateValidityChecker(_checker(problem.adherence, calls))
+        information.setup()
+        # The wrappers own these states: `freeState` on them would free them twice.
+        start, goal = space.allocState(), space.allocState()
+        start.copy(np.asarray(problem.start, float).tolist())
+        goal.copy(np.asarray(problem.goal, float).tolist())
+        definition = ob.ProblemDefinition(information)
+        definition.setStartAndGoalStates(start, goal)
+        objective = ob.PathLengthOptimizationObjective(information)
+        # Without a threshold a planner that improves paths would use up the time limit.
+        objective.setCostThreshold(ob.Cost(np.inf if termination.cost_below is None else termination.cost_below))
+        definition.setOptimizationObjective(objective)
+        planner = self._planner(information, definition)
+        begin = time.perf_counter()
+        try:
+            if charted:
+                space.anchorChart(start)
+                space.anchorChart(goal)
+            ending = planner.solve(self._condition(termination, calls))
+            charts = space.getChartCount() if charted else 0
+            # bool(ending) is True for approximate solutions as well.
+            if ending.getStatus() == ob.PlannerStatus.EXACT_SOLUTION:
+                solution = definition.getSolutionPath()
+                solution.interpolate()
+                states = np.array([[state[i] for i in range(dimension)] for state in solution.getStates()])
+                path = _joined(states, problem)
+        except RuntimeError as error:  # an ompl::Exception; ours are not RuntimeErrors
+            _log.warning("OMPL's %s in the %s space gave up: %s", self.planner, self.space, error)
+        elapsed = time.perf_counter() - begin
+        return (PlanStatus.SOLVED if len(path) else _unsolved(termination, calls, elapsed)), path, elapsed, charts
+
+    def _space(self, adherence: Adherence, calls: Callbacks) -> Any:
+        ambient, bounds = ob.RealVectorStateSpace(adherence.dimension), ob.RealVectorBounds(adherence.dimension)
+        for joint, (low, high) in enumerate(zip(adherence.lower.tolist(), adherence.upper.tolist(), strict=True)):
+            bounds.setLow(joint, low)
+            bounds.setHigh(joint, high)
+        ambient.setBounds(bounds)
+        overridden = self.parameters.project_override
+        constraint = (_Projecting if overridden else _Ordinary)(adherence.constraint, calls)
+        space, parameters = _SPACES[self.space][0](ambient, constraint), self.parameters
+        space.setDelta(parameters.delta)
+        space.setLambda(parameters.leap)
+        if self.space != "projection":
+            space.setEpsilon(parameters.epsilon)
+            space.setRho(parameters.rho)
+            space.setAlpha(parameters.alpha)
+            space.setExploration(parameters.exploration)
+            space.setBackoff(parameters.backoff)
+            space.setMaxChartsPerExtension(parameters.charts_per_extension)
+        if self.space == "atlas":
+            space.setSeparated(parameters.separated)
+        return space
+
+    def _planner(self, information: Any, definition: Any) -> Any:
+        planner = getattr(og, self.planner)(information)
+        planner.setProblemDefinition(definition)
+        if self.parameters.range is not None:
+            planner.setRange(self.parameters.range)
+        if self.planner in ("FMT", "BFMT"):
+            planner.setNumSamples(self.parameters.num_samples)
+            planner.setRadiusMultiplier(self.parameters.radius_multiplier)
+        planner.setup()
+        return planner
+
+    def _condition(self, termination: Termination, calls: Callbacks) -> Any:
+        if self.planner in _THREADED:
+            return ob.timedPlannerTerminationCondition(termination.time_limit)
+        limit = np.inf if termination.max_iterations is None else termination.max_iterations
+        duration = np.inf if termination.time_limit is None else termination.time_limit
+        end, clock = time.perf_counter() + duration, time.perf_counter
+
+        def over() -> bool:
+            if calls.terminations >= limit or clock() >= end:
+                return True
+            calls.terminations += 1
+            return False
+
+        return ob.PlannerTerminationCondition(over)
+
+
+class _Ordinary(ob.Constraint):  # type: ignore[misc]  # OMPL has no types
+    """Our constraint as OMPL wants it. Holds no OMPL object, so that reference counts free everything."""
+
+    def __init__(self, constraint: Constraint, calls: Callbacks) -> None:
+        super().__init__(constraint.n, constraint.k, constraint.tolerance)
+        self.setMaxIterations(constraint.max_iterations)
+        self._ours, self._calls = constraint, calls
+
+    def function(self, x: np.ndarray, out: np.ndarray) -> None:
+        self._calls.values += 1
+        out[:] = self._ours.value(x)
+
+    def jacobian(self, x: np.ndarray, out: np.ndarray) -> None:
+        self._calls.jacobians += 1
+        out[:] = self._ours.jacobian(x)
+
+
+class _Projecting(_Ordinary):
+    def project(self, x: np.ndarray) -> bool:
+        self._calls.projections += 1
+        found = self._ours.project(x)
+        x[:] = found.q
+        return bool(found.converged)  # a numpy.bool aborts the interpreter
+
+
+def _checker(adherence: Adherence, calls: Callbacks) -> Callable[[Any], bool]:
+    """OMPL checks joint limits nowhere on a walk: they are part of validity here."""
+    bounds = tuple(zip(range(adherence.dimension), adherence.lower.tolist(), adherence.upper.tolist(), strict=True))
+    collision_free = adherence.validity.collision_free
+
+    def valid(state: Any) -> bool:
+        calls.states += 1
+        q = [state[i] for i, _, _ in bounds]
+        return all(low <= q[i] <= high for i, low, high in bounds) and collision_free(np.array(q))
+
+    return valid
+
+
+def _joined(states: np.ndarray, problem: Problem) -> np.ndarray:
+    """Return the states (T, n) without repetitions, or (0, n) when they do not run from start to goal."""
+    if not (np.abs(states[0] - problem.start).max() < _SAME and np.abs(states[-1] - problem.goal).max() < _SAME):
+        return np.empty((0, states.shape[1]))
+    moved = np.abs(np.diff(states, axis=0)).max(axis=1) > _SAME  # OMPL repeats the states where two walks meet
+    states = np.vstack([problem.start, states[1:][moved]])
+    states[-1] = problem.goal
+    return states
+
+
+def _unsolved(termination: Termination, calls: Callbacks, elapsed: float) -> PlanStatus:
+    if termination.max_iterations is not None and calls.terminations >= termination.max_iterations:
+        return PlanStatus.ITERATION_LIMIT
+    if termination.time_limit is not None and elapsed >= termination.time_limit:
+        return PlanStatus.TIME_LIMIT
+    return PlanStatus.FAILED
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """OMPL reports progress on stdout and complains about every new seed."""
+    level = ou.getLogLevel()
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    try:
+        yield
+    finally:
+        ou.setLogLevel(level)

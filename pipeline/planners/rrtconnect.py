@@ -1,0 +1,83 @@
+"""RRTConnect (Kuffner and LaValle 2000), which with a moving-target sampler is Algorithm 7 of compnetx.txt."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import ConfigError
+from pipeline.manifolds import Adherence
+from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
+from pipeline.planners.tree import Tree
+from pipeline.samplers.base import Sampler
+
+
+@dataclass(frozen=True)
+class RrtConnect(Planner):
+    """Two trees that grow towards samples and then towards each other.
+
+    Attributes:
+        range: longest extension towards a sample [rad or m]. Limiting it is what holds the tail of the planning times:
+            an unlimited extension throws the tree across the manifold. Connections are not limited.
+        node_states: every so many states of a walk become a node of the tree.
+    """
+
+    range: float = 0.5
+    node_states: int = 4
+
+    def __post_init__(self) -> None:
+        if not self.range > 0:
+            raise ConfigError(f"planner.range is {self.range}; it must be above 0")
+        if self.node_states < 1:
+            raise ConfigError(f"planner.node_states is {self.node_states}; it must be at least 1")
+
+    def _search(
+        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+    ) -> tuple[PlanStatus, np.ndarray | None]:
+        space = problem.adherence
+        longest = max(int(self.range / space.parameters.step), 1)
+        trees = (Tree(problem.start), Tree(problem.goal))
+        current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
+        a, b = 0, 1
+        while True:
+            status = clock.tick()
+            if status is not None:
+                return status, None
+            proposals = sampler.sample(current[a][None], current[b][None])
+            if len(proposals):
+                node, current[a], _ = self._grow(space, trees[a], proposals[0], longest)
+                if node is not None:
+                    other, _, reached = self._grow(space, trees[b], current[a], None)
+                    if reached and other is not None:
+                        path = self._join(space, trees, (node, other) if a == 0 else (other, node))
+                        if path is not None:
+                            return PlanStatus.SOLVED, path
+            a, b = b, a
+
+    def _grow(
+        self, space: Adherence, tree: Tree, target: np.ndarray, max_states: int | None
+    ) -> tuple[int | None, np.ndarray, bool]:
+        """Walk from the nearest node towards `target`; return the new node, where it is, and whether it is the target."""
+        space.counters.nearest_queries += 1
+        nearest = tree.nearest(target)
+        walk = space.traverse(tree[nearest], target, max_states)
+        if not len(walk.states):
+            return None, tree[nearest].copy(), False
+        node = nearest
+        for first in range(0, len(walk.states), self.node_states):
+            node = tree.add(node, walk.states[first : first + self.node_states])
+        return node, walk.states[-1], walk.reached
+
+    def _join(self, space: Adherence, trees: tuple[Tree, Tree], ends: tuple[int, int]) -> np.ndarray | None:
+        """Return the path through two touching nodes if the finer walk holds; otherwise cut the tree where it fails."""
+        forward, forward_owners = trees[0].path(ends[0])
+        backward, backward_owners = trees[1].path(ends[1])
+        refined = space.refine(np.concatenate([forward, backward[-2::-1]]))
+        if refined.invalid is None:
+            return refined.states
+        space.counters.repairs += 1
+        i = refined.invalid  # segment (i, i + 1)
+        if i + 1 < len(forward):
+            trees[0].remove(forward_owners[i + 1])
+        else:  # in the second tree the segment belongs to the state farther from the goal
+            trees[1].remove(backward_owners[len(backward) - 1 - (i - (len(forward) - 1))])
+        return None

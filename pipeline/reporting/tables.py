@@ -1,0 +1,147 @@
+"""The tables of a planner report, as data frames of text ready for Markdown."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from pipeline.reporting import text
+from pipeline.reporting.frames import check_trials, groups, method_pairs, ordered, pair
+from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
+from pipeline.reporting.statistics import mcnemar, median_difference, median_ratio, wilson
+
+OUTCOME = ("method", "adherence", "n", "success [95 % Wilson]", "paper: success")
+TIME = (
+    "method", "adherence", "n solved", "time, solved only: median [s]", "time, solved only: mean ± sd [s]",
+    "time, solved only: p95 [s]", "paper: time [s]", "time, all trials: median [s]", "time, all trials: mean ± sd [s]",
+)  # fmt: skip
+LENGTH = (
+    "method", "adherence", "n solved", "length, solved only: median [m]", "length, solved only: mean ± sd [m]",
+    "length, solved only: p95 [m]", "paper: length",
+)  # fmt: skip
+EFFORT = (
+    "method", "adherence", "n", "projections (median)", "collision checks (median)", "samples (median)",
+    "fallback share of samples (median)", "network share of time (median)",
+)  # fmt: skip
+
+RESULTS_NOTE = (
+    "'Solved only' leaves out the trials that found no valid path; 'all trials' counts those at the time that had "
+    "passed when they stopped. The counts are medians over all trials."
+)
+PAIRED_NOTE = (
+    "Both solved: the problems that both methods solved; the ratio and the difference are over these only. "
+    "A ratio above 1 means that the learned method is faster, a negative difference that its paths are shorter. "
+    "Intervals are 95 % paired bootstrap intervals (BCa; † percentile, where BCa is undefined or needless). The "
+    "paper's ratio is of mean times, each over the problems that method solved."
+)
+
+
+def results_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> dict[str, pd.DataFrame]:
+    """Return, per scenario, one row per method and adherence with the columns OUTCOME, TIME, LENGTH and EFFORT.
+
+    Times and lengths of a method that solved nothing are dashes, its success is 0 %; a combination that was not run
+    has n = 0. Beside each value stands the paper's, where it gives one.
+
+    Raises:
+        ArtifactError: columns are missing or unknown.
+    """
+    check_trials(trials)
+    tables = {}
+    for scenario in ordered(trials["scenario"], "scenario"):
+        rows = []
+        for method, adherence, group in groups(trials, scenario):
+            said = find(paper, scenario, method, adherence) or PaperResult(scenario, method, adherence)
+            rows.append({"method": method, "adherence": adherence, **_outcome(group, said), **_effort(group)})
+        columns = list(dict.fromkeys((*OUTCOME, *TIME, *LENGTH, *EFFORT)))
+        tables[scenario] = pd.DataFrame(rows, columns=columns)
+    return tables
+
+
+def paired_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> pd.DataFrame:
+    """Compare every learned method with its classical counterpart, problem by problem, per scenario and adherence.
+
+    Raises:
+        ArtifactError: columns are missing or unknown.
+    """
+    check_trials(trials)
+    rows = []
+    for scenario in ordered(trials["scenario"], "scenario"):
+        part = trials[trials["scenario"] == scenario]
+        for learned, classical in method_pairs(part["method"]):
+            for adherence in ordered(part["adherence"], "adherence"):
+                pairs = pair(trials, scenario, adherence, learned, classical)
+                both = pairs[pairs["solved_1"] & pairs["solved_2"]]
+                only_1 = int((pairs["solved_1"] & ~pairs["solved_2"]).sum())
+                only_2 = int((~pairs["solved_1"] & pairs["solved_2"]).sum())
+                printed = speed_up(paper, scenario, adherence, learned, classical)
+                ratio = median_ratio(both["planning_time_2"].to_numpy(), both["planning_time_1"].to_numpy())
+                shorter = median_difference(both["path_length_1"].to_numpy(), both["path_length_2"].to_numpy())
+                rows.append({
+                    "scenario": scenario, "learned": learned, "classical": classical, "adherence": adherence,
+                    "pairs": len(pairs), "both solved": len(both),
+                    "ratio of median times, both solved (classical / learned)": text.interval(ratio, "×"),
+                    "paper: ratio of mean times": "" if printed is None else f"{text.fixed(printed, 2)}×",
+                    "difference of median lengths, both solved (learned - classical) [m]": text.interval(shorter),
+                    "only learned solved": only_1, "only classical solved": only_2,
+                    "McNemar p (exact)": text.p_value(mcnemar(only_1, only_2)) if len(pairs) else text.NONE,
+                })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def rejection_table(trials: pd.DataFrame) -> pd.DataFrame:
+    """Count why trials are not solved: the planner's status, or what the verifier found in a path it claimed.
+
+    Returns:
+        One row per scenario, method, adherence and reason; empty when everything was solved.
+    """
+    check_trials(trials)
+    rows = []
+    for scenario in ordered(trials["scenario"], "scenario"):
+        for method, adherence, group in groups(trials, scenario):
+            failed = group[~group["solved"].astype(bool)]
+            claimed = failed["claimed"].astype(bool)
+            reasons = failed["status"].astype(str).where(~claimed, "claimed, rejected: " + failed["rejection"].fillna(""))
+            for reason, count in reasons.value_counts().sort_index().items():
+                rows.append((scenario, method, adherence, len(group), count, reason))
+    return pd.DataFrame(rows, columns=["scenario", "method", "adherence", "n", "not solved", "reason"])
+
+
+def _outcome(group: pd.DataFrame, said: PaperResult) -> dict[str, object]:
+    solved = group[group["solved"].astype(bool)]
+    cells: dict[str, object] = {
+        "n": len(group), "n solved": len(solved), "success [95 % Wilson]": text.rate(wilson(len(solved), len(group))),
+        "paper: success": said.success_text, "paper: time [s]": said.time_text, "paper: length": said.length_text,
+    }  # fmt: skip
+    cells |= _location("time, all trials", "s", group["planning_time"], p95=False)
+    cells |= _location("time, solved only", "s", solved["planning_time"])
+    return cells | _location("length, solved only", "m", solved["path_length"])
+
+
+def _location(name: str, unit: str, values: pd.Series, p95: bool = True) -> dict[str, str]:
+    x = values.to_numpy(float)
+    mean = float(x.mean()) if len(x) else np.nan
+    deviation = float(x.std(ddof=1)) if len(x) > 1 else np.nan
+    cells = {
+        f"{name}: median [{unit}]": text.number(float(np.median(x)) if len(x) else np.nan),
+        f"{name}: mean ± sd [{unit}]": text.spread(mean, deviation),
+    }
+    if p95:
+        cells[f"{name}: p95 [{unit}]"] = text.number(float(np.percentile(x, 95)) if len(x) else np.nan)
+    return cells
+
+
+def _effort(group: pd.DataFrame) -> dict[str, str]:
+    cells = {
+        f"{name.replace('_', ' ')} (median)": text.fixed(_median(group[name]), 0)
+        for name in ("projections", "collision_checks", "samples")
+    }
+    fallback = group["fallback_samples"] / group["samples"].where(group["samples"] > 0)
+    network = group["network_time"] / group["planning_time"].where(group["planning_time"] > 0)
+    cells["fallback share of samples (median)"] = text.percent(_median(fallback))
+    cells["network share of time (median)"] = text.percent(_median(network))
+    return cells
+
+
+def _median(values: pd.Series) -> float:
+    """The median without NaN; NaN for none."""
+    return float(values.median()) if values.notna().any() else np.nan

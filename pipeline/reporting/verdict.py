@@ -1,0 +1,120 @@
+"""What was expected of the sphere and whether it was met; 'no' is said plainly."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from pipeline.reporting import text
+from pipeline.reporting.frames import LEARNED, check_trials, groups, ordered, pair
+from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
+from pipeline.reporting.statistics import Estimate, median_difference, median_ratio, wilson
+
+SUCCESS = "success at least the paper's"
+SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio"
+SHORTER = "CoMPNetX-FMT*'s paths shorter than RRTConnect's"
+
+YES, NO, NO_DATA, NO_NUMBER = "yes", "no", "not measured", "paper gives no number"
+COLUMNS = ("scenario", "expectation", "method", "adherence", "met", "ours", "paper", "remark")
+
+VERDICT_NOTE = (
+    "Decided by the measured value alone; the remark says where the 95 % interval would allow the other answer. "
+    "Success: the fraction of trials with a verified path. Speed: the ratio of median times on the problems that both "
+    "solved (the paper's is a ratio of mean times). Length: the difference of median lengths on the problems that both "
+    "solved."
+)
+
+
+def verdict_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> pd.DataFrame:
+    """Return one row per expectation, scenario, method and adherence: met or not, and the numbers that say so.
+
+    Raises:
+        ArtifactError: columns are missing or unknown.
+    """
+    check_trials(trials)
+    rows: list[tuple[str, ...]] = []
+    for scenario in ordered(trials["scenario"], "scenario"):
+        rows += _success(trials, scenario, paper)
+        for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
+            rows.append(_speed(trials, scenario, adherence, paper))
+        for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
+            rows.append(_shorter(trials, scenario, adherence))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def verdict_summary(verdicts: pd.DataFrame) -> pd.DataFrame:
+    """Return one row per scenario and expectation: 'yes' where every comparable row of `verdict_table` is met."""
+    rows = []
+    for (scenario, expectation), part in verdicts.groupby(["scenario", "expectation"], sort=False):
+        comparable = part[part["met"].isin([YES, NO])]
+        met = int((comparable["met"] == YES).sum())
+        answer = NO_DATA if comparable.empty else YES if met == len(comparable) else NO
+        missed = [f"{r.method}, {r.adherence}: {r.ours}" for r in comparable[comparable["met"] == NO].itertuples()]
+        rows.append((scenario, expectation, answer, f"{met} of {len(comparable)}", "; ".join(missed)))
+    return pd.DataFrame(rows, columns=["scenario", "expectation", "met", "rows met", "not met by"])
+
+
+def _success(trials: pd.DataFrame, scenario: str, paper: Sequence[PaperResult]) -> Iterator[tuple[str, ...]]:
+    for method, adherence, group in groups(trials, scenario):
+        said = find(paper, scenario, method, adherence)
+        ours = wilson(int(group["solved"].astype(bool).sum()), len(group))
+        head = (scenario, SUCCESS, method, adherence)
+        if said is None or said.success is None:
+            yield (*head, NO_NUMBER, text.rate(ours), text.NONE, "")
+            continue
+        # 'over 99 %' asks for more than 99 %, 'around 95 %' for 95 %.
+        met = ours.value > said.success if said.success_exceeds else ours.value >= said.success
+        yield (*head, _answer(ours, met), text.rate(ours), said.success_text, _doubt(ours, said.success))
+
+
+def _speed(trials: pd.DataFrame, scenario: str, adherence: str, paper: Sequence[PaperResult]) -> tuple[str, ...]:
+    learned, classical = f"{LEARNED}FMT*", "FMT*"
+    pairs = pair(trials, scenario, adherence, learned, classical)
+    both = pairs[pairs["solved_1"] & pairs["solved_2"]]
+    ours = median_ratio(both["planning_time_2"].to_numpy(), both["planning_time_1"].to_numpy())
+    printed = speed_up(paper, scenario, adherence, learned, classical)
+    head = (scenario, SPEED, f"{learned} / {classical}", adherence)
+    if printed is None:
+        return (*head, NO_NUMBER, text.interval(ours, "×"), text.NONE, "")
+    remarks = [_doubt(ours, printed)] if len(both) else []
+    means = _ratio_of_means(trials, scenario, adherence, learned, classical)
+    if not math.isnan(means):  # the paper's own way of taking the ratio, so that a disagreement cannot hide
+        remarks.append(f"ratio of mean times, each over its solved trials: {text.fixed(means, 2)}×")
+    if len(both):
+        remarks.append(f"n = {len(both)}")
+    met = ours.value >= printed
+    return (*head, _answer(ours, met), text.interval(ours, "×"), f"{text.fixed(printed, 2)}×", _join(remarks))
+
+
+def _shorter(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, ...]:
+    learned, classical = f"{LEARNED}FMT*", "RRTConnect"
+    pairs = pair(trials, scenario, adherence, learned, classical)
+    both = pairs[pairs["solved_1"] & pairs["solved_2"]]
+    x, y = both["path_length_1"].to_numpy(float), both["path_length_2"].to_numpy(float)
+    ours = median_difference(x, y)
+    head = (scenario, SHORTER, f"{learned} - {classical}", adherence)
+    if not len(both):
+        return (*head, NO_DATA, text.NONE, "shorter", "")
+    remarks = [_doubt(ours, 0.0), f"medians {text.number(np.median(x))} m and {text.number(np.median(y))} m"]
+    return (*head, _answer(ours, ours.value < 0), f"{text.interval(ours)} m", "shorter", _join([*remarks, f"n = {len(both)}"]))
+
+
+def _ratio_of_means(trials: pd.DataFrame, scenario: str, adherence: str, learned: str, classical: str) -> float:
+    part = trials[(trials["scenario"] == scenario) & (trials["adherence"] == adherence) & trials["solved"].astype(bool)]
+    fast, slow = (part.loc[part["method"] == m, "planning_time"].to_numpy(float) for m in (learned, classical))
+    return float(slow.mean() / fast.mean()) if len(fast) and len(slow) else np.nan
+
+
+def _answer(ours: Estimate, met: bool) -> str:
+    return NO_DATA if math.isnan(ours.value) else YES if met else NO
+
+
+def _doubt(ours: Estimate, bound: float) -> str:
+    if math.isnan(ours.low):
+        return ""
+    return "interval includes the bound" if ours.low <= bound <= ours.high else ""
+
+
+def _join(remarks: Sequence[str]) -> str:
+    return "; ".join(remark for remark in remarks if remark)
