@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -147,3 +148,10 @@ def _check(path: Path, expected: str, schema: str, version: str) -> None:
         raise ArtifactError(
             f"{path} has version {version or 'none'!r} of schema {expected!r}, this code reads {VERSION}"
         )
+
+
+def code_digest() -> str:
+    """Return a short hash of the sources of this package that are loaded: part of the key of resumable work."""
+    names = sorted(name for name in sys.modules if name.split(".")[0] == "pipeline")
+    files = [getattr(sys.modules[name], "__file__", None) for name in names]
+    return digest(*(Path(file) for file in files if file))

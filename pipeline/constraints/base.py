@@ -135,10 +135,10 @@ class Constraint:
             count = rows.stop - rows.start
             block = self._step_block
             block.arguments[0][:count] = Q[rows]
-            for _ in range(self.max_iterations + 1):
+            for iteration in range(self.max_iterations + 1):
                 following, violation = block.evaluate()
                 done = violation.reshape(-1)[:count] < self.tolerance**2
-                if done.all():
+                if done.all() or iteration == self.max_iterations:
                     break
                 block.arguments[0][:count] = np.where(done[:, None], block.arguments[0][:count], following[:count])
             Q[rows], converged[rows] = block.arguments[0][:count], done
@@ -151,9 +151,15 @@ class Constraint:
         The tangent basis solves eq. (1) of compnetx.txt: J Phi = 0, Phi^T Phi = I.
 
         Raises:
-            ConstraintError: the Jacobian at q has rank below k, so there is no manifold of dimension n - k there.
+            ConstraintError: the Jacobian at q has rank below k or is not finite, so there is no manifold of dimension
+                n - k there.
         """
-        _, singular, V = np.linalg.svd(self.jacobian(q))
+        J = self.jacobian(q)
+        if not np.isfinite(J).all():
+            raise ConstraintError(
+                f"constraint {self.name!r} has no finite Jacobian at q = {np.array2string(q, precision=4)}"
+            )
+        _, singular, V = np.linalg.svd(J)
         if not singular[-1] > _RANK_TOLERANCE * max(singular[0], 1.0):
             rank = int((singular > _RANK_TOLERANCE * max(singular[0], 1.0)).sum())
             raise ConstraintError(

@@ -1,4 +1,4 @@
-"""Evaluation: the independent verifier and the statistics of trials."""
+"""Evaluation: the independent verifier, the trial runner (`pipeline.evaluation.trials`) and the statistics."""
 
 from pipeline.evaluation.statistics import (
     Center,

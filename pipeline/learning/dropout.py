@@ -9,7 +9,6 @@ import numpy as np
 
 # The eight bits of every byte as factors: at one half, a random byte decides eight units.
 _HALVES = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).astype(np.float32) * 2.0
-_ALL = np.iinfo(np.uint64).max
 
 
 def draw_masks(rng: np.random.Generator, rows: int, units: int, probability: float) -> np.ndarray:
@@ -23,7 +22,9 @@ def draw_masks(rng: np.random.Generator, rows: int, units: int, probability: flo
     """
     count = rows * units
     if probability == 0.5:
-        words = rng.integers(0, _ALL, size=-(-count // 64), dtype=np.uint64, endpoint=True)
+        # Raw words, because `integers` and `bytes` cost a single sample a tenth of its time; their lower halves,
+        # because those of MT19937 have no upper one.
+        words = rng.bit_generator.random_raw(-(-count // 32)).astype(np.uint32)
         return np.take(_HALVES, words.view(np.uint8), axis=0).reshape(-1)[:count].reshape(rows, units)
     kept = rng.random((rows, units), dtype=np.float32) >= probability
     return kept * np.float32(1 / (1 - probability))

@@ -1,7 +1,7 @@
 """A trained model: sizes, normalisation and weights in one open file that is read without running code from it."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,25 @@ class Model:
     normalisation: Normalisation
     network: Compnetx
 
+    def __post_init__(self) -> None:
+        if len(self.normalisation.lower) != self.parameters.dimension:
+            raise ConfigError(
+                f"normalisation is for {len(self.normalisation.lower)} joints, the network for "
+                f"{self.parameters.dimension}"
+            )
+
+
+def network_from(parameters: NetworkParameters, weights: Mapping[str, torch.Tensor]) -> Compnetx:
+    """Return a network of given weights, in eval mode; torch's stream of chance is left alone.
+
+    Raises:
+        RuntimeError: names or shapes do not fit.
+    """
+    with torch.device("meta"):  # draws no weights that would be thrown away
+        network = Compnetx(parameters)
+    network.load_state_dict(weights, assign=True)
+    return network.eval()
+
 
 def save_model(model: Model, path: Path) -> None:
     """Write a model whole; equal models give equal bytes."""
@@ -110,11 +129,9 @@ def load_model(path: Path) -> Model:
     try:
         parameters = _read(NetworkParameters, content["network"])
         normalisation = _read(Normalisation, content["normalisation"])
-        network = Compnetx(parameters)
-        network.load_state_dict(content["weights"])
+        return Model(parameters, normalisation, network_from(parameters, content["weights"]))
     except (KeyError, TypeError, RuntimeError, ConfigError) as error:
         raise ArtifactError(f"{path} holds a model that does not fit this code: {error}") from error
-    return Model(parameters, normalisation, network.eval())
 
 
 def _read(kind: type, content: dict[str, Any]) -> Any:

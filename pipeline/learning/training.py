@@ -22,7 +22,7 @@ from lightning.pytorch.callbacks import Callback, ModelCheckpoint, RichProgressB
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.files import VERSION, digest
 from pipeline.learning.batches import Batches, TrainingData
-from pipeline.learning.model import Model, Normalisation
+from pipeline.learning.model import Model, Normalisation, network_from
 from pipeline.learning.module import CompnetxModule, Curves
 from pipeline.learning.networks import Compnetx, NetworkParameters
 from pipeline.learning.pairs import Pairs
@@ -167,9 +167,7 @@ def _best(path: Path, parameters: NetworkParameters, epoch: int) -> Compnetx:
     stored = torch.load(path, map_location="cpu", weights_only=True)
     if stored["epoch"] != epoch:
         raise ArtifactError(f"{path} is of epoch {stored['epoch']}, the best was {epoch}: delete its folder")
-    network = Compnetx(parameters)
-    network.load_state_dict({name.removeprefix("network."): value for name, value in stored["state_dict"].items()})
-    return network.eval()
+    return network_from(parameters, {name.removeprefix("network."): w for name, w in stored["state_dict"].items()})
 
 
 def _key(
@@ -193,6 +191,7 @@ def _settings(threads: int) -> Iterator[None]:
     try:
         with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*LeafSpec.*")  # Lightning 2.6.6 calls torch 2.13 the old way
+            warnings.filterwarnings("ignore", message="Checkpoint directory .* not empty")  # that is how a run goes on
             yield
     finally:
         log.setLevel(level)

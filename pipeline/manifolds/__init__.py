@@ -1,9 +1,39 @@
 """Constraint adherence: projection, atlas and tangent bundle."""
 
+from typing import Any
+
+from pipeline.constraints import Constraint
+
 from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, AdherenceParameters, Counters, Refined, Stop, Traversal
 from pipeline.manifolds.continuation import AtlasAdherence, TangentBundleAdherence
 from pipeline.manifolds.projection import ProjectionAdherence
+
+from pipeline.robots import Validity
+from pipeline.schema import Choice
+
+_PARAMETERS: dict[str, Any] = {
+    "projection": AdherenceParameters,
+    "atlas": AtlasParameters,
+    "tangent_bundle": AtlasParameters,
+}
+_CLASSES: dict[str, Any] = {
+    "projection": ProjectionAdherence,
+    "atlas": AtlasAdherence,
+    "tangent_bundle": TangentBundleAdherence,
+}
+
+
+def make_adherence(choice: Choice, constraint: Constraint, validity: Validity) -> Adherence:
+    """Return the adherence method of a choice.
+
+    Raises:
+        ConfigError: an unknown kind or parameters that do not fit it.
+    """
+    parameters = choice.make(_PARAMETERS, "adherence")
+    adherence: Adherence = _CLASSES[choice.kind](constraint, validity, parameters)
+    return adherence
+
 
 __all__ = [
     "Adherence",
@@ -18,4 +48,5 @@ __all__ = [
     "Stop",
     "TangentBundleAdherence",
     "Traversal",
+    "make_adherence",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, ConstraintError
-from pipeline.manifolds.base import AdherenceParameters
+from pipeline.manifolds.base import AdherenceParameters, length
 
 
 @dataclass(frozen=True)
@@ -129,13 +129,11 @@ class Atlas:
 
     def in_region(self, chart: Chart, u: np.ndarray, q: np.ndarray) -> bool:
         """True when u (d,) and q = psi(u) (n,) satisfy eq. (5)."""
-        length = float(np.sqrt(u @ u))
-        if length > self.parameters.rho:
+        reach = length(u)
+        if reach > self.parameters.rho:
             return False
         offset = q - chart.origin
-        chord = float(np.sqrt(offset @ offset))
-        gap = offset - chart.tangent @ u
-        return bool(np.sqrt(gap @ gap) <= self.parameters.epsilon and length >= self._cosine * chord)
+        return length(offset - chart.tangent @ u) <= self.parameters.epsilon and reach >= self._cosine * length(offset)
 
     def in_polytope(self, chart: Chart, u: np.ndarray) -> bool:
         """True when u (d,) is on the chart's side of all half-spaces; always, where charts are not kept apart."""
@@ -152,15 +150,20 @@ class Atlas:
         return (U @ chart.walls.T > chart.limits).any(axis=1)
 
     def _update_walls(self, chart: Chart) -> None:
-        """Add the half-spaces of charts made since the last look: halfway to each neighbour within 2 rho."""
+        """Add the half-spaces of charts made since the last look: halfway to each neighbour within 2 rho and alpha.
+
+        A chart farther than alpha from the tangent space lies around the bend: seen from here it would cut the region
+        where none of the other takes over (with rho = 1.5 on a unit sphere, half of the sphere).
+        """
         if chart.known == len(self.charts):
             return
         offsets = self._origins[chart.known : len(self.charts)] - chart.origin
-        near = np.einsum("ij,ij->i", offsets, offsets) < (2 * self.parameters.rho) ** 2
+        walls = offsets @ chart.tangent  # (m, d): the neighbours' origins as this chart sees them
+        squared, seen = np.einsum("ij,ij->i", offsets, offsets), np.einsum("ij,ij->i", walls, walls)
+        near = (squared < (2 * self.parameters.rho) ** 2) & (seen >= self._cosine**2 * squared)
         if chart.known <= chart.index:
             near[chart.index - chart.known] = False
         if near.any():
-            walls = offsets[near] @ chart.tangent  # (m, d): the neighbours' origins as this chart sees them
-            chart.walls = np.concatenate([chart.walls, walls])
-            chart.limits = np.concatenate([chart.limits, 0.5 * np.einsum("ij,ij->i", walls, walls)])
+            chart.walls = np.concatenate([chart.walls, walls[near]])
+            chart.limits = np.concatenate([chart.limits, 0.5 * seen[near]])
         chart.known = len(self.charts)

@@ -6,6 +6,7 @@ step, why the walk would stop; Python only reads the codes and asks for collisio
 step-by-step algorithm.
 """
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -156,7 +157,8 @@ class Adherence(ABC):
     def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
         """Walk on the manifold from q_from towards q_to, both on the manifold (n,), over at most `max_states` states.
 
-        q_from is taken to be valid; q_to is checked when the walk gets there.
+        The target does not count when the last of them is within a step of it. q_from is taken to be valid; q_to is
+        checked when the walk gets there.
         """
 
     @abstractmethod
@@ -220,6 +222,11 @@ class Adherence(ABC):
     def _inside(self, q: ca.SX) -> ca.SX:
         """Expression: 1 when q is within the bounds."""
         return ca.logic_and(ca.mmin(q - self.lower) >= 0, ca.mmin(self.upper - q) >= 0)
+
+
+def length(v: np.ndarray) -> float:
+    """Return ||v||_2; for one short vector a quarter of the price of numpy's norm."""
+    return math.sqrt(v @ v)
 
 
 def first_code(conditions: list[tuple[ca.SX, Stop]]) -> ca.SX:

@@ -7,10 +7,11 @@ import numpy as np
 
 from pipeline.constraints import Constraint, compiled
 from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
-from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code
+from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
-_SAMPLE_BLOCK = 32  # samples drawn before the atlas grows over them
+_SAMPLE_BLOCK = 32  # samples drawn before the atlas grows over the first of them
+_SAMPLE_GROWTH = 4  # samples of a block that get a chart: enough to spread, finding charts for all costs most of a plan
 _SAMPLE_ROUNDS = 50  # blocks in a row that may fail before sampling gives up
 
 
@@ -23,6 +24,7 @@ class ContinuationAdherence(Adherence):
         super().__init__(constraint, validity, parameters)
         self.parameters: AtlasParameters = parameters
         self.atlas = Atlas(constraint, parameters)
+        self._charts: dict[bytes, Chart] = {}  # of states that walks began or ended at
         self._edge = compiled(f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions())
         origin, tangent, normal, u = self._chart_symbols()
         q, y, violation = self._exponential(
@@ -34,6 +36,7 @@ class ContinuationAdherence(Adherence):
         """Forget the last problem and its charts."""
         super().reset(validity)
         self.atlas = Atlas(self.constraint, self.parameters)
+        self._charts = {}
 
     def anchor(self, q: np.ndarray) -> None:
         """Begin the atlas with a chart at q."""
@@ -49,7 +52,7 @@ class ContinuationAdherence(Adherence):
         """Walk by Algorithm 3 or 4."""
         self.counters.traversals += 1
         parameters = self.parameters
-        straight = float(np.linalg.norm(q_to - q_from))
+        straight = length(q_to - q_from)
         reached: list[np.ndarray] = []
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= parameters.step:
@@ -59,9 +62,13 @@ class ContinuationAdherence(Adherence):
             return self._ended(reached, Stop.NO_CHART)
         q, u, way, longest = q_from, chart.log(q_from), 0.0, parameters.wander * straight
         while True:
+            if length(chart.log(q_to) - u) <= parameters.step:  # line 7, right at the beginning of a chart
+                near = length(q_to - q) <= parameters.leap * parameters.step
+                return self._finish(reached, q_from, q_to) if near else self._ended(reached, Stop.FOLDED)
             flat, coordinates, codes, ways, gaps = self._edge(
                 chart.origin, chart.tangent.T, chart.normal.T, u, q, q_to, chart.log(q_to), way, longest
             )
+            coordinates = coordinates.reshape(len(codes), -1)  # a lookahead of 1 comes as a vector
             outside = self.atlas.outside(chart, coordinates)
             chords, coordinates = flat.reshape(len(codes), -1, self.dimension).copy(), coordinates.copy()
             to_target = gaps.tolist()
@@ -75,6 +82,8 @@ class ContinuationAdherence(Adherence):
                     lifted = self.exponential(chart, coordinates[i])  # Algorithm 4, line 17
                     if lifted is None:
                         return self._ended(reached, Stop.NOT_CONVERGED)
+                    if (lifted < self.lower).any() or (lifted > self.upper).any():
+                        return self._ended(reached, Stop.OUT_OF_BOUNDS)
                     chord[0] = lifted
                 if not all(map(self.validity.collision_free, chord)):
                     return self._ended(reached, Stop.COLLISION)
@@ -88,6 +97,7 @@ class ContinuationAdherence(Adherence):
                     return self._ended(reached, Stop.STEP_LIMIT)
                 if leaves:
                     break
+                self._charts[chord[0].tobytes()] = chart
             q, u, way = chord[0], coordinates[i], float(ways[i])
             if leaves:
                 following = self._chart_at(q)
@@ -103,7 +113,7 @@ class ContinuationAdherence(Adherence):
         parameters, d = self.parameters, self.constraint.manifold_dimension
         radius = parameters.rho / (1.0 - parameters.exploration) ** (1.0 / d)
         found: list[np.ndarray] = []
-        for _ in range(_SAMPLE_ROUNDS):
+        for _ in range(_SAMPLE_ROUNDS if len(self.atlas) else 0):
             before = len(found)
             charts = [
                 self.atlas.charts[i] for i in rng.integers(len(self.atlas), size=min(_SAMPLE_BLOCK, count - before))
@@ -115,14 +125,20 @@ class ContinuationAdherence(Adherence):
                 q = self.exponential(chart, u)
                 if q is not None and (q >= self.lower).all() and (q <= self.upper).all():
                     found.append(q)
-                    self._chart_at(q)
+            for q in found[before : before + _SAMPLE_GROWTH]:
+                self._chart_at(q)
             if len(found) >= count:
                 break
         return np.array(found) if found else np.empty((0, self.dimension))
 
     def _chart_at(self, q: np.ndarray) -> Chart | None:
-        chart = self.atlas.at(q)
-        self.counters.charts = len(self.atlas)
+        key = q.tobytes()
+        chart = self._charts.get(key)
+        if chart is None:
+            chart = self.atlas.at(q)
+            self.counters.charts = len(self.atlas)
+            if chart is not None:
+                self._charts[key] = chart
         return chart
 
     def _chart_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from pipeline.constraints import Constraint, compiled
-from pipeline.manifolds.base import Adherence, AdherenceParameters, Stop, Traversal, first_code
+from pipeline.manifolds.base import Adherence, AdherenceParameters, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
 
@@ -50,7 +50,7 @@ class ProjectionAdherence(Adherence):
         """Walk by Algorithm 2."""
         self.counters.traversals += 1
         collision_free = self.validity.collision_free
-        straight = float(np.linalg.norm(q_to - q_from))
+        straight = length(q_to - q_from)
         reached: list[np.ndarray] = []
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= self.parameters.step:

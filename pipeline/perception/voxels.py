@@ -36,7 +36,7 @@ class VoxelParameters:
     shell: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if len(self.lower) != 3 or len(self.upper) != 3:
+        if not np.shape(self.lower) == np.shape(self.upper) == (3,):
             raise ConfigError(f"voxel bounds are {self.lower} to {self.upper}; each needs x, y and z [m]")
         _check_grid(self.bounds, self.size)
         if not 0 <= self.density < np.inf:

@@ -4,8 +4,12 @@ from pipeline.planners.base import Clock, Planner, PlanResult, PlanStatus, Probl
 from pipeline.planners.fmt import FmtStar
 from pipeline.planners.rrt import Rrt
 from pipeline.planners.rrtconnect import RrtConnect
+from pipeline.planners.shortcut import shortcut
+
+PLANNERS = {"fmt": FmtStar, "rrt": Rrt, "rrtconnect": RrtConnect}
 
 __all__ = [
+    "PLANNERS",
     "Clock",
     "FmtStar",
     "PlanResult",
@@ -16,4 +20,5 @@ __all__ = [
     "RrtConnect",
     "Termination",
     "path_length",
+    "shortcut",
 ]

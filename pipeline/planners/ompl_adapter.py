@@ -34,6 +34,7 @@ _SPACES = {
     "tangent_bundle": (ob.TangentBundleStateSpace, ob.TangentBundleSpaceInformation),
 }
 _THREADED = ("PRM", "PRMstar")
+_ENDLESS = ("AORRTC",)  # shortens paths in a loop that, on a manifold, neither ends nor looks at the clock
 _SAME = 1e-9  # start and goal come back from OMPL as they went in, but for rounding
 
 
@@ -46,7 +47,9 @@ class OmplParameters:
         leap: lambda; a step longer than this many deltas ends a walk, and in charts a walk this many times the straight
             line. Above 1.
         epsilon: charts only: farthest from the manifold [rad or m].
-        rho: charts only: radius, five deltas [rad or m].
+        rho: charts only: radius, five deltas [rad or m]. FMT draws its samples before it walks, hence within
+            rho / (1 - exploration)^(1/d) of start and goal on a manifold of dimension d; in the tangent bundle, where
+            short walks make no charts, it then never gets farther. There it needs more than OMPL's default.
         alpha: charts only: largest angle to the manifold [rad].
         exploration: charts only: in [0, 1), how far beyond a chart's radius samples are drawn.
         backoff: charts only: a step that is too long is tried again this much shorter.
@@ -97,9 +100,9 @@ class Callbacks:
 
 
 def available_planners() -> tuple[str, ...]:
-    """Return the names of OMPL's geometric planners that are bound in Python."""
+    """Return the names of OMPL's geometric planners that are bound in Python and end on a manifold."""
     found = inspect.getmembers(og, lambda member: inspect.isclass(member) and issubclass(member, ob.Planner))
-    return tuple(name for name, _ in found)
+    return tuple(name for name, _ in found if name not in _ENDLESS)
 
 
 class OmplPlanner:
@@ -116,7 +119,7 @@ class OmplPlanner:
         self.planner, self.space, self.parameters = planner, space, parameters or OmplParameters()
         self.callbacks = Callbacks()
         if planner not in available_planners():
-            raise ConfigError(f"OMPL has no planner {planner!r} in Python; it has: {', '.join(available_planners())}")
+            raise ConfigError(f"OMPL has no planner {planner!r} for us; it has: {', '.join(available_planners())}")
         if space not in _SPACES:
             raise ConfigError(f"OMPL has no constrained space {space!r}; it has: {', '.join(_SPACES)}")
         if self.parameters.range is not None and not hasattr(getattr(og, planner), "setRange"):

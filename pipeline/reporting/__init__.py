@@ -1,0 +1,1 @@
+"""Reporting: tables, figures, stills and Markdown pages."""

@@ -1,24 +1,25 @@
 """Figures of a planner report: times, lengths, success, progress over time and training curves."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pipeline.evaluation import wilson
 from pipeline.reporting.frames import CURVE_COLUMNS, LEARNED, check, check_trials, ordered
 from pipeline.reporting.panels import Place, draw_panels, nothing, plain_log
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult
-from pipeline.reporting.statistics import wilson
 from pipeline.reporting.style import color, new_figure, save, style
 
 __all__ = ["length_boxes", "save", "solved_over_time", "success_bars", "time_boxes", "training_curves"]
 
 _TICKS = 300  # points of a curve; keeps the file small for any number of trials
-_BOX = {"whis": (5, 95), "showfliers": False, "widths": 0.8, "patch_artist": True}
-_TAG = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1}
-_THIN = {"color": "black", "linewidth": 0.8}
+_BOX: dict[str, Any] = {"whis": (5, 95), "showfliers": False, "widths": 0.8, "patch_artist": True}
+_TAG: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1}
+_THIN: dict[str, Any] = {"color": "black", "linewidth": 0.8}
 
 
 def time_boxes(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> Figure:
@@ -44,13 +45,15 @@ def length_boxes(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
     """Draw path lengths of the solved trials [m], one box per method and adherence, one panel per scenario."""
 
     def draw(axes: Axes, place: Place) -> int:
-        axes.set_ylim(bottom=0)
         return _box(axes, place, "path_length")
 
     def printed(result: PaperResult) -> float | None:
         return None if result.length is None else result.length[0]
 
-    return draw_panels(trials, "path length,\nsolved trials [m]", draw, paper, printed)
+    figure = draw_panels(trials, "path length,\nsolved trials [m]", draw, paper, printed)
+    for axes in figure.axes:
+        axes.set_ylim(bottom=0)  # after the boxes: a limit set before them would end matplotlib's scaling of the top
+    return figure
 
 
 def success_bars(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> Figure:
@@ -61,10 +64,10 @@ def success_bars(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
         n = len(place.trials)
         rate = wilson(len(place.solved), n)
         if n:
-            axes.bar(place.x, 100 * rate.value, 0.8, color=place.color, edgecolor="black", linewidth=0.6)
-            ends = [[100 * max(0.0, rate.value - rate.low)], [100 * max(0.0, rate.high - rate.value)]]
-            axes.errorbar(place.x, 100 * rate.value, yerr=ends, color="black", linewidth=1, capsize=3)
-            axes.text(place.x, 4, f"{100 * rate.value:.0f} %", ha="center", fontsize=8, bbox=_TAG)
+            axes.bar(place.x, 100 * rate.estimate, 0.8, color=place.color, edgecolor="black", linewidth=0.6)
+            ends = [[100 * max(0.0, rate.estimate - rate.low)], [100 * max(0.0, rate.high - rate.estimate)]]
+            axes.errorbar(place.x, 100 * rate.estimate, yerr=ends, color="black", linewidth=1, capsize=3)
+            axes.text(place.x, 4, f"{100 * rate.estimate:.0f} %", ha="center", fontsize=8, bbox=_TAG)
         return n
 
     def printed(result: PaperResult) -> float | None:
@@ -118,9 +121,9 @@ def training_curves(curves: pd.DataFrame) -> Figure:
         values = curves[["train_loss", "val_loss"]].to_numpy(float)
         values = values[np.isfinite(values)]
         if curves["val_loss"].notna().any():
-            best = curves.loc[curves["val_loss"].idxmin()]
+            best = curves.iloc[int(np.nanargmin(curves["val_loss"].to_numpy(float)))]
             label = f"least validation loss: {best['val_loss']:.3g} in epoch {best['epoch']:.0f}"
-            axes.plot(best["epoch"], best["val_loss"], "o", mfc="none", mec="black", ms=8, linestyle="none", label=label)
+            axes.plot(best["epoch"], best["val_loss"], "o", mfc="none", mec="black", ms=8, label=label)
         if len(values) and values.min() > 0:
             axes.set_yscale("log")
             plain_log(axes.yaxis, *axes.get_ylim())
@@ -135,7 +138,7 @@ def _box(axes: Axes, place: Place, column: str) -> int:
     values = place.solved[column].to_numpy(float)
     if len(values):
         # One dictionary per part: matplotlib changes the one given for the box.
-        parts = {f"{part}props": dict(_THIN) for part in ("whisker", "cap", "box")}
+        parts: dict[str, Any] = {f"{part}props": dict(_THIN) for part in ("whisker", "cap", "box")}
         parts["medianprops"] = _THIN | {"linewidth": 1.6}
         drawn = axes.boxplot([values], positions=[place.x], manage_ticks=False, **parts, **_BOX)
         drawn["boxes"][0].set_facecolor(place.color)
@@ -158,4 +161,4 @@ def _each(group: pd.DataFrame) -> str:
     counts = group.groupby("method").size()
     if counts.empty:
         return "n = 0"
-    return f"n = {counts.min()}" if counts.nunique() == 1 else f"n = {counts.min()} to {counts.max()}"
+    return f"n = {counts.min()} each" if counts.nunique() == 1 else f"n = {counts.min()} to {counts.max()}"

@@ -37,22 +37,25 @@ def check(frame: pd.DataFrame, columns: Sequence[str], name: str) -> None:
 
 
 def check_trials(trials: pd.DataFrame) -> None:
-    """Refuse a table that is not a benchmark's trials, or whose solved trials lack a time or a length.
+    """Refuse a table that is not a benchmark's trials, or whose times and lengths cannot be compared.
 
     Raises:
-        ArtifactError: wrong columns, or a solved trial without a finite planning time and path length.
+        ArtifactError: wrong columns, a planning time that is not positive, or a solved trial without a path length.
     """
     check(trials, TRIAL_COLUMNS, "trials")
     if trials.empty:
         return
-    solved = trials[trials["solved"].astype(bool)]
-    wrong = ~np.isfinite(solved[["planning_time", "path_length"]].to_numpy(float)).all(axis=1)
-    if wrong.any():
-        first = solved[wrong].iloc[0]
-        raise ArtifactError(
-            f"trials: {int(wrong.sum())} solved trials have no finite planning_time or path_length, the first is "
-            f"{first['method']} with {first['adherence']} on scene {first['scene']} problem {first['problem']}"
-        )
+    times, lengths = (trials[name].to_numpy(float) for name in ("planning_time", "path_length"))
+    for what, right in (
+        ("planning_time is not above 0 s", (times > 0) & np.isfinite(times)),
+        ("a solved trial has no path_length", np.isfinite(lengths) | ~trials["solved"].to_numpy(bool)),
+    ):
+        if not right.all():
+            first = trials[~right].iloc[0]
+            raise ArtifactError(
+                f"trials: {what} in {int((~right).sum())} of {len(trials)} rows, the first is {first['method']} with "
+                f"{first['adherence']} on scene {first['scene']} problem {first['problem']}"
+            )
 
 
 def ordered(values: Iterable[str], kind: str) -> list[str]:
@@ -74,7 +77,8 @@ def groups(trials: pd.DataFrame, scenario: str) -> Iterator[tuple[str, str, pd.D
 def method_pairs(methods: Iterable[str]) -> list[tuple[str, str]]:
     """Return (learned, classical) for every learned method whose classical counterpart is present."""
     present = ordered(methods, "method")
-    return [(m, m.removeprefix(LEARNED)) for m in present if m.startswith(LEARNED) and m.removeprefix(LEARNED) in present]
+    candidates = [(method, method.removeprefix(LEARNED)) for method in present if method.startswith(LEARNED)]
+    return [(learned, classical) for learned, classical in candidates if classical in present]
 
 
 def pair(trials: pd.DataFrame, scenario: str, adherence: str, first: str, second: str) -> pd.DataFrame:
@@ -82,14 +86,21 @@ def pair(trials: pd.DataFrame, scenario: str, adherence: str, first: str, second
 
     Where a problem was tried several times, the k-th seed of one method meets the k-th seed of the other.
     """
-    part = trials[(trials["scenario"] == scenario) & (trials["adherence"] == adherence)].sort_values("seed", kind="stable")
     key = ["scene", "problem", "repetition"]
+    part = trials[(trials["scenario"] == scenario) & (trials["adherence"] == adherence)]
+    part = part.sort_values("seed", kind="stable").assign(solved=part["solved"].astype(bool))
     sides = []
     for method in (first, second):
         side = part[part["method"] == method]
-        sides.append(side.assign(repetition=side.groupby(["scene", "problem"]).cumcount(), solved=side["solved"].astype(bool)))
+        sides.append(side.assign(repetition=side.groupby(["scene", "problem"]).cumcount()))
     joined = sides[0].merge(sides[1], on=key, suffixes=("_1", "_2"))
     return joined.sort_values(key, ignore_index=True)
+
+
+def both_solved(pairs: pd.DataFrame, column: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a column of the first and the second method (n,), (n,) on the problems of `pair` that both solved."""
+    both = pairs[pairs["solved_1"] & pairs["solved_2"]]
+    return both[f"{column}_1"].to_numpy(float), both[f"{column}_2"].to_numpy(float)
 
 
 def path_array(row: pd.Series) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,13 @@ from pipeline.reporting.paper_sphere import PaperResult, find
 from pipeline.reporting.style import color, new_figure, style
 
 _GAP = 0.7  # empty space between two methods, in widths of a place
-_DIAMOND = {"marker": "D", "color": "white", "markeredgecolor": "black", "markersize": 5.5, "linestyle": "none"}
+_DIAMOND: dict[str, Any] = {
+    "marker": "D",
+    "color": "white",
+    "markeredgecolor": "black",
+    "markersize": 5.5,
+    "linestyle": "none",
+}
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ def draw_panels(
                 if value is not None:
                     axes.plot(place.x, value, zorder=5, **_DIAMOND)
                     marked = True
-            names = [f"{p.adherence.replace('_', chr(10))}\nn={n}" for p, n in zip(cells, shown, strict=True)]
+            names = [f"n={n}\n{p.adherence.replace('_', chr(10))}" for p, n in zip(cells, shown, strict=True)]
             axes.set_xticks([place.x for place in cells], names, fontsize=8)
             axes.tick_params(axis="x", length=0)
             axes.grid(False, axis="x")
@@ -78,7 +85,7 @@ def draw_panels(
             axes.set_ylabel(label)
         handles: list[Patch | Line2D] = [Patch(fc=color(m, methods), ec="black", lw=0.6, label=m) for m in methods]
         if marked:
-            handles.append(Line2D([], [], label="paper (mean)", **_DIAMOND))
+            handles.append(Line2D([], [], label="paper", **_DIAMOND))
         figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return figure
 

@@ -104,9 +104,7 @@ def find(paper: Iterable[PaperResult], scenario: str, method: str, adherence: st
     return next((r for r in paper if (r.scenario, r.method, r.adherence) == wanted), None)
 
 
-def speed_up(
-    paper: Sequence[PaperResult], scenario: str, adherence: str, learned: str, classical: str
-) -> float | None:
+def speed_up(paper: Sequence[PaperResult], scenario: str, adherence: str, learned: str, classical: str) -> float | None:
     """Return the paper's ratio of mean times, classical over learned, or None where it gives no two means."""
     fast, slow = find(paper, scenario, learned, adherence), find(paper, scenario, classical, adherence)
     if fast is None or slow is None or fast.time is None or slow.time is None:

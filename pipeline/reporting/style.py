@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from pipeline.errors import ConfigError
 from pipeline.files import atomic_file
 
-# The paper's colours for three methods (Fig. 7), in shades that also differ in lightness; the fourth is Okabe and Ito's.
+# The paper's colours for three methods (Fig. 7), in shades that differ in lightness too; the fourth is Okabe and Ito's.
 COLORS = {"CoMPNetX-FMT*": "#C8102E", "FMT*": "#EDB700", "RRTConnect": "#0B4FA3", "CoMPNetX-RRTConnect": "#56B4E9"}
 OTHERS = ("#009E73", "#CC79A7", "#555555", "#D55E00")  # Okabe and Ito, for methods the paper does not draw
 _RC: dict[str, Any] = {
@@ -38,7 +38,7 @@ def style() -> Iterator[None]:
     """Hold the room's matplotlib settings while a figure is drawn or written; whatever the user set is put aside."""
     with mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams.update(_RC)
+        mpl.rcParams.update(_RC)  # type: ignore[arg-type]  # its stub wants every key as a literal
         yield
 
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
 
+from pipeline.evaluation import Comparison, mcnemar, paired_interval, summary, wilson
 from pipeline.reporting import text
-from pipeline.reporting.frames import check_trials, groups, method_pairs, ordered, pair
+from pipeline.reporting.frames import both_solved, check_trials, groups, method_pairs, ordered, pair
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
-from pipeline.reporting.statistics import mcnemar, median_difference, median_ratio, wilson
 
 OUTCOME = ("method", "adherence", "n", "success [95 % Wilson]", "paper: success")
 TIME = (
@@ -51,7 +50,8 @@ def results_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -
         rows = []
         for method, adherence, group in groups(trials, scenario):
             said = find(paper, scenario, method, adherence) or PaperResult(scenario, method, adherence)
-            rows.append({"method": method, "adherence": adherence, **_outcome(group, said), **_effort(group)})
+            cells: dict[str, object] = {"method": method, "adherence": adherence}
+            rows.append(cells | _outcome(group, said) | _effort(group))
         columns = list(dict.fromkeys((*OUTCOME, *TIME, *LENGTH, *EFFORT)))
         tables[scenario] = pd.DataFrame(rows, columns=columns)
     return tables
@@ -70,20 +70,19 @@ def paired_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
         for learned, classical in method_pairs(part["method"]):
             for adherence in ordered(part["adherence"], "adherence"):
                 pairs = pair(trials, scenario, adherence, learned, classical)
-                both = pairs[pairs["solved_1"] & pairs["solved_2"]]
-                only_1 = int((pairs["solved_1"] & ~pairs["solved_2"]).sum())
-                only_2 = int((~pairs["solved_1"] & pairs["solved_2"]).sum())
+                fast, slow = both_solved(pairs, "planning_time")
+                test = mcnemar(pairs["solved_1"].to_numpy(bool), pairs["solved_2"].to_numpy(bool))
                 printed = speed_up(paper, scenario, adherence, learned, classical)
-                ratio = median_ratio(both["planning_time_2"].to_numpy(), both["planning_time_1"].to_numpy())
-                shorter = median_difference(both["path_length_1"].to_numpy(), both["path_length_2"].to_numpy())
+                ratio = paired_interval(slow, fast, Comparison.RATIO)
+                shorter = paired_interval(*both_solved(pairs, "path_length"))
                 rows.append({
                     "scenario": scenario, "learned": learned, "classical": classical, "adherence": adherence,
-                    "pairs": len(pairs), "both solved": len(both),
+                    "pairs": len(pairs), "both solved": len(fast),
                     "ratio of median times, both solved (classical / learned)": text.interval(ratio, "×"),
                     "paper: ratio of mean times": "" if printed is None else f"{text.fixed(printed, 2)}×",
                     "difference of median lengths, both solved (learned - classical) [m]": text.interval(shorter),
-                    "only learned solved": only_1, "only classical solved": only_2,
-                    "McNemar p (exact)": text.p_value(mcnemar(only_1, only_2)) if len(pairs) else text.NONE,
+                    "only learned solved": test.only_first, "only classical solved": test.only_second,
+                    "McNemar p (exact)": text.p_value(test.p_value) if len(pairs) else text.NONE,
                 })  # fmt: skip
     return pd.DataFrame(rows)
 
@@ -100,7 +99,8 @@ def rejection_table(trials: pd.DataFrame) -> pd.DataFrame:
         for method, adherence, group in groups(trials, scenario):
             failed = group[~group["solved"].astype(bool)]
             claimed = failed["claimed"].astype(bool)
-            reasons = failed["status"].astype(str).where(~claimed, "claimed, rejected: " + failed["rejection"].fillna(""))
+            rejected = "claimed, rejected: " + failed["rejection"].fillna("").astype(str)
+            reasons = failed["status"].astype(str).where(~claimed, rejected)
             for reason, count in reasons.value_counts().sort_index().items():
                 rows.append((scenario, method, adherence, len(group), count, reason))
     return pd.DataFrame(rows, columns=["scenario", "method", "adherence", "n", "not solved", "reason"])
@@ -118,20 +118,16 @@ def _outcome(group: pd.DataFrame, said: PaperResult) -> dict[str, object]:
 
 
 def _location(name: str, unit: str, values: pd.Series, p95: bool = True) -> dict[str, str]:
-    x = values.to_numpy(float)
-    mean = float(x.mean()) if len(x) else np.nan
-    deviation = float(x.std(ddof=1)) if len(x) > 1 else np.nan
+    found = summary(values.to_numpy(float))
     cells = {
-        f"{name}: median [{unit}]": text.number(float(np.median(x)) if len(x) else np.nan),
-        f"{name}: mean ± sd [{unit}]": text.spread(mean, deviation),
+        f"{name}: median [{unit}]": text.number(found.median),
+        f"{name}: mean ± sd [{unit}]": text.spread(found.mean, found.sd),
     }
-    if p95:
-        cells[f"{name}: p95 [{unit}]"] = text.number(float(np.percentile(x, 95)) if len(x) else np.nan)
-    return cells
+    return cells | ({f"{name}: p95 [{unit}]": text.number(found.p95)} if p95 else {})
 
 
-def _effort(group: pd.DataFrame) -> dict[str, str]:
-    cells = {
+def _effort(group: pd.DataFrame) -> dict[str, object]:
+    cells: dict[str, object] = {
         f"{name.replace('_', ' ')} (median)": text.fixed(_median(group[name]), 0)
         for name in ("projections", "collision_checks", "samples")
     }
@@ -144,4 +140,4 @@ def _effort(group: pd.DataFrame) -> dict[str, str]:
 
 def _median(values: pd.Series) -> float:
     """The median without NaN; NaN for none."""
-    return float(values.median()) if values.notna().any() else np.nan
+    return summary(values.dropna().to_numpy(float)).median

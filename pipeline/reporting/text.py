@@ -2,7 +2,7 @@
 
 import math
 
-from pipeline.reporting.statistics import Estimate
+from pipeline.evaluation import Interval, Method
 
 NONE = "–"
 
@@ -40,22 +40,22 @@ def percent(fraction: float, places: int = 1) -> str:
     return NONE if math.isnan(fraction) else f"{fixed(100 * fraction, places)} %"
 
 
-def rate(estimate: Estimate) -> str:
+def rate(estimate: Interval) -> str:
     """Write a success rate with its interval in per cent."""
-    if math.isnan(estimate.value):
+    if math.isnan(estimate.estimate):
         return NONE
-    return f"{percent(estimate.value)} [{fixed(100 * estimate.low, 1)}, {fixed(100 * estimate.high, 1)}]"
+    return f"{percent(estimate.estimate)} [{fixed(100 * estimate.low, 1)}, {fixed(100 * estimate.high, 1)}]"
 
 
-def interval(estimate: Estimate, unit: str = "") -> str:
+def interval(estimate: Interval, unit: str = "") -> str:
     """Write a value with its interval; a dagger marks percentile intervals, a missing interval is not written."""
-    if math.isnan(estimate.value):
+    if math.isnan(estimate.estimate):
         return NONE
-    places = decimals(estimate.value)
-    written = fixed(estimate.value, places) + unit
+    places = decimals(estimate.estimate)
+    written = fixed(estimate.estimate, places) + unit
     if math.isnan(estimate.low):
         return written
-    mark = "†" if estimate.method == "percentile" else ""
+    mark = "†" if estimate.method is Method.PERCENTILE else ""
     return f"{written} [{fixed(estimate.low, places)}, {fixed(estimate.high, places)}]{mark}"
 
 

@@ -3,13 +3,12 @@
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
 import pandas as pd
 
+from pipeline.evaluation import Comparison, Interval, paired_interval, summary, wilson
 from pipeline.reporting import text
-from pipeline.reporting.frames import LEARNED, check_trials, groups, ordered, pair
+from pipeline.reporting.frames import LEARNED, both_solved, check_trials, groups, ordered, pair
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
-from pipeline.reporting.statistics import Estimate, median_difference, median_ratio, wilson
 
 SUCCESS = "success at least the paper's"
 SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio"
@@ -64,53 +63,49 @@ def _success(trials: pd.DataFrame, scenario: str, paper: Sequence[PaperResult]) 
             yield (*head, NO_NUMBER, text.rate(ours), text.NONE, "")
             continue
         # 'over 99 %' asks for more than 99 %, 'around 95 %' for 95 %.
-        met = ours.value > said.success if said.success_exceeds else ours.value >= said.success
+        met = ours.estimate > said.success if said.success_exceeds else ours.estimate >= said.success
         yield (*head, _answer(ours, met), text.rate(ours), said.success_text, _doubt(ours, said.success))
 
 
 def _speed(trials: pd.DataFrame, scenario: str, adherence: str, paper: Sequence[PaperResult]) -> tuple[str, ...]:
     learned, classical = f"{LEARNED}FMT*", "FMT*"
-    pairs = pair(trials, scenario, adherence, learned, classical)
-    both = pairs[pairs["solved_1"] & pairs["solved_2"]]
-    ours = median_ratio(both["planning_time_2"].to_numpy(), both["planning_time_1"].to_numpy())
+    fast, slow = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
+    ours = paired_interval(slow, fast, Comparison.RATIO)
     printed = speed_up(paper, scenario, adherence, learned, classical)
     head = (scenario, SPEED, f"{learned} / {classical}", adherence)
     if printed is None:
         return (*head, NO_NUMBER, text.interval(ours, "×"), text.NONE, "")
-    remarks = [_doubt(ours, printed)] if len(both) else []
+    remarks = [_doubt(ours, printed), f"n = {len(fast)}"]
     means = _ratio_of_means(trials, scenario, adherence, learned, classical)
     if not math.isnan(means):  # the paper's own way of taking the ratio, so that a disagreement cannot hide
-        remarks.append(f"ratio of mean times, each over its solved trials: {text.fixed(means, 2)}×")
-    if len(both):
-        remarks.append(f"n = {len(both)}")
-    met = ours.value >= printed
+        remarks.insert(1, f"ratio of mean times, each over its solved trials: {text.fixed(means, 2)}×")
+    met = ours.estimate >= printed
     return (*head, _answer(ours, met), text.interval(ours, "×"), f"{text.fixed(printed, 2)}×", _join(remarks))
 
 
 def _shorter(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, ...]:
     learned, classical = f"{LEARNED}FMT*", "RRTConnect"
-    pairs = pair(trials, scenario, adherence, learned, classical)
-    both = pairs[pairs["solved_1"] & pairs["solved_2"]]
-    x, y = both["path_length_1"].to_numpy(float), both["path_length_2"].to_numpy(float)
-    ours = median_difference(x, y)
+    lengths = both_solved(pair(trials, scenario, adherence, learned, classical), "path_length")
+    ours = paired_interval(*lengths)
     head = (scenario, SHORTER, f"{learned} - {classical}", adherence)
-    if not len(both):
-        return (*head, NO_DATA, text.NONE, "shorter", "")
-    remarks = [_doubt(ours, 0.0), f"medians {text.number(np.median(x))} m and {text.number(np.median(y))} m"]
-    return (*head, _answer(ours, ours.value < 0), f"{text.interval(ours)} m", "shorter", _join([*remarks, f"n = {len(both)}"]))
+    medians = " m and ".join(text.number(summary(side).median) for side in lengths)
+    remark = _join([_doubt(ours, 0.0), f"medians {medians} m", f"n = {len(lengths[0])}"])
+    return (*head, _answer(ours, ours.estimate < 0), text.interval(ours, " m"), "shorter", remark)
 
 
 def _ratio_of_means(trials: pd.DataFrame, scenario: str, adherence: str, learned: str, classical: str) -> float:
     part = trials[(trials["scenario"] == scenario) & (trials["adherence"] == adherence) & trials["solved"].astype(bool)]
-    fast, slow = (part.loc[part["method"] == m, "planning_time"].to_numpy(float) for m in (learned, classical))
-    return float(slow.mean() / fast.mean()) if len(fast) and len(slow) else np.nan
+    fast, slow = (
+        summary(part.loc[part["method"] == m, "planning_time"].to_numpy(float)).mean for m in (learned, classical)
+    )
+    return slow / fast
 
 
-def _answer(ours: Estimate, met: bool) -> str:
-    return NO_DATA if math.isnan(ours.value) else YES if met else NO
+def _answer(ours: Interval, met: bool) -> str:
+    return NO_DATA if math.isnan(ours.estimate) else YES if met else NO
 
 
-def _doubt(ours: Estimate, bound: float) -> str:
+def _doubt(ours: Interval, bound: float) -> str:
     if math.isnan(ours.low):
         return ""
     return "interval includes the bound" if ours.low <= bound <= ours.high else ""

@@ -113,4 +113,4 @@ def _axis(model: pin.Model, joint: int, rows: slice) -> np.ndarray:
     single = model.joints[joint]
     data = single.createData()
     single.calc(data, np.zeros(model.nq), np.zeros(model.nv))
-    return np.asarray(data.S.matrix() if hasattr(data.S, "matrix") else data.S)[rows, 0]
+    return np.asarray(data.S).reshape(6)[rows]

@@ -68,13 +68,15 @@ def obstacles_from_frame(frame: pd.DataFrame) -> tuple[Obstacle, ...]:
     """Read obstacles back from rows with the columns of `COLUMNS`.
 
     Raises:
-        ProblemError: an unknown shape, a value that is not finite, or a size that is not positive.
+        ProblemError: an unknown shape, a value that is not finite, a size that is not positive, or no rotation.
     """
     numbers = frame[list(COLUMNS[1:])].to_numpy(float)
     if not np.isfinite(numbers).all():
         raise ProblemError("an obstacle has a pose or size that is not finite")
     if (numbers[:, 7:] <= 0).any():
         raise ProblemError(f"an obstacle has size {numbers[:, 7:].min()} m; sizes must be above 0 m")
+    if not numbers[:, 3:7].any(axis=1).all():
+        raise ProblemError("an obstacle has quaternion (0, 0, 0, 0); it must not be zero")
     found = []
     for shape, row in zip(frame["shape"], numbers.tolist(), strict=True):
         try:

@@ -106,15 +106,12 @@ def test_thin_obstacle_between_two_waypoints():
 def test_contact_is_judged_on_the_manifold_not_on_the_chord():
     """An obstacle that the arc touches and the chord misses is contact; one that only the chord touches is not."""
     path = np.array([[np.cos(a), np.sin(a), 0] for a in (-0.0499, 0.0499)])  # the chord's middle is 1.2 mm inside
-    assert np.linalg.norm(path[1] - path[0]) < 0.1
-    for inside, touches in ((0.0025, True), (-0.0037, False)):  # centre of a ball of radius 0.5 mm, from the sphere
-        ball = Obstacle(Shape.SPHERE, (1 + inside - 0.0005, 0, 0), (0.0, 0.0, 0.0, 1.0), (0.001, 0.001, 0.001))
-        distance = abs(inside - 0.0005)
-        assert (distance < RADIUS + 0.0005) == touches
-        chord = abs(np.cos(0.0499) - (1 + inside - 0.0005))
-        assert (chord < RADIUS + 0.0005) != touches
-        verdict = check(path, [ball], start=path[0], goal=path[-1])
-        assert verdict.passed != touches
+    contact = RADIUS + 0.0005
+    for offset, touches in ((0.002, True), (-0.003, False)):  # of a ball's centre from the sphere
+        ball = Obstacle(Shape.SPHERE, (1 + offset, 0, 0), (0.0, 0.0, 0.0, 1.0), (0.001, 0.001, 0.001))
+        assert (abs(offset) < contact) == touches
+        assert (abs(1 + offset - np.cos(0.0499)) < contact) != touches
+        assert check(path, [ball], start=path[0], goal=path[-1]).passed != touches
 
 
 def test_contact_at_the_ends():

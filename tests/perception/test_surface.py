@@ -63,17 +63,17 @@ def test_box_uniform():
     axis = np.abs(local).argmax(axis=1)
     face = 2 * axis + (local[np.arange(len(local)), axis] > 0)
     areas = np.repeat([0.5 * 0.8, 0.3 * 0.8, 0.3 * 0.5], 2)
-    assert chisquare(np.bincount(face, minlength=6), len(local) * areas / areas.sum()).pvalue > 0.001
+    assert chisquare(np.bincount(face, minlength=6), len(local) * areas / areas.sum()).pvalue > 1e-4
     for across in range(3):
         for along in {0, 1, 2} - {across}:
-            assert kstest(local[axis == across][:, along], "uniform", args=(-1, 2)).pvalue > 0.001
+            assert kstest(local[axis == across][:, along], "uniform", args=(-1, 2)).pvalue > 1e-4
 
 
 def test_sphere_uniform():
     """On a sphere, each coordinate is uniform (Archimedes' hat box)."""
     local = draw(SPHERE, 20_000)
     for column in local.T:
-        assert kstest(column, "uniform", args=(-0.2, 0.4)).pvalue > 0.001
+        assert kstest(column, "uniform", args=(-0.2, 0.4)).pvalue > 1e-4
 
 
 def test_cylinder_uniform():
@@ -84,11 +84,11 @@ def test_cylinder_uniform():
     mantle = ~(top | bottom)
     cap, side = np.pi * 0.2**2, 2 * np.pi * 0.2 * 0.7
     expected = np.array([side, cap, cap]) / (side + 2 * cap) * len(local)
-    assert chisquare([mantle.sum(), top.sum(), bottom.sum()], expected).pvalue > 0.001
+    assert chisquare([mantle.sum(), top.sum(), bottom.sum()], expected).pvalue > 1e-4
     np.testing.assert_allclose(radius[mantle], 0.2, rtol=1e-9)
-    assert kstest(angle, "uniform", args=(-np.pi, 2 * np.pi)).pvalue > 0.001
-    assert kstest(local[mantle, 2], "uniform", args=(-0.35, 0.7)).pvalue > 0.001
-    assert kstest(radius[~mantle] ** 2, "uniform", args=(0, 0.04)).pvalue > 0.001
+    assert kstest(angle, "uniform", args=(-np.pi, 2 * np.pi)).pvalue > 1e-4
+    assert kstest(local[mantle, 2], "uniform", args=(-0.35, 0.7)).pvalue > 1e-4
+    assert kstest(radius[~mantle] ** 2, "uniform", args=(0, 0.04)).pvalue > 1e-4
 
 
 def test_shared_by_area():
@@ -101,7 +101,7 @@ def test_shared_by_area():
     local = in_frame(points, BOX)
     on_box = np.abs(np.abs(local / BOX.size * 2).max(axis=1) - 1) < 1e-9
     found = [on_box.sum(), on_sphere.sum(), (~on_box & ~on_sphere).sum()]
-    assert chisquare(found, len(points) * areas / areas.sum()).pvalue > 0.001
+    assert chisquare(found, len(points) * areas / areas.sum()).pvalue > 1e-4
 
 
 def test_repeatable():

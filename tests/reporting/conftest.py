@@ -68,12 +68,12 @@ def band_scene() -> list[Obstacle]:
         z, height = (low + high) / 2, high - low
         g = np.array(gap, float)
         side = np.array([-g[1], g[0]])
-        size = tuple(np.abs(g) * 1.2 + np.abs(side) * 1.15) + (height,)
+        size = (*(np.abs(g) * 1.2 + np.abs(side) * 1.15), height)
         for sign in (-1, 1):
             centre = g * 0.6 + side * sign * (0.05 + 1.15 / 2)
             made.append(Obstacle(Shape.BOX, (*centre, z), (0, 0, 0, 1), size))
         centre = -g * 0.6
-        size = tuple(np.abs(g) * 1.2 + np.abs(side) * 2.4) + (height,)
+        size = (*(np.abs(g) * 1.2 + np.abs(side) * 2.4), height)
         made.append(Obstacle(Shape.BOX, (*centre, z), (0, 0, 0, 1), size))
     return made
 

@@ -1,0 +1,81 @@
+"""Demonstrations: paths of the oracle planner, which compnetx.txt, section VI-B, names as Atlas-RRTConnect."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.environments.base import Environment, Scene, flatten, validity
+from pipeline.errors import ConfigError, PipelineError
+from pipeline.manifolds import make_adherence
+from pipeline.planners import PLANNERS, Planner, Problem, Termination, path_length, shortcut
+from pipeline.samplers import UniformSampler
+from pipeline.schema import Choice
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """How demonstrations are made.
+
+    Attributes:
+        adherence, planner: the method.
+        max_iterations: of a plan; repeatable work does not end by the clock.
+        shortcuts: attempts per path.
+        seed: of all plans; each problem has its own stream.
+    """
+
+    adherence: Choice
+    planner: Choice
+    max_iterations: int
+    shortcuts: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        for name, bound in (("max_iterations", 1), ("shortcuts", 0), ("seed", 0)):
+            if getattr(self, name) < bound:
+                raise ConfigError(f"oracle.{name} is {getattr(self, name)}; it must be at least {bound}")
+
+
+def shards(problems: pd.DataFrame, size: int) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Cut problems into pieces of at most `size` of one scene, with a name each."""
+    if size < 1:
+        raise ConfigError(f"shard is {size}; it must be at least 1")
+    for scene, rows in problems.groupby("scene", sort=False):
+        for first in range(0, len(rows), size):
+            yield f"{scene}-{first:05d}", rows.iloc[first : first + size]
+
+
+def demonstrate(oracle: Oracle, environment: Environment, scenes: dict[str, Scene], problems: pd.DataFrame) -> pd.DataFrame:
+    """Plan the problems of one scene; one row each, failures included with an empty path.
+
+    Columns: scenario, scene, split, problem, status, solved, message, length [m], raw_length [m] (before shortcuts),
+    the counters, path, waypoints, dimension, and planning_time [s], which alone does not repeat.
+    """
+    scene = scenes[problems["scene"].iloc[0]]
+    robot = environment.robot()
+    space = make_adherence(oracle.adherence, environment.constraint(), validity(environment, scene, robot))
+    planner: Planner = oracle.planner.make(PLANNERS, "oracle.planner")
+    rows: list[dict[str, Any]] = []
+    for problem in problems.itertuples():
+        head = {name: getattr(problem, name) for name in ("scenario", "scene", "split", "problem")}
+        stream = np.random.SeedSequence([oracle.seed, int(problem.problem), *scene.name.encode()])
+        seed = int(stream.generate_state(1)[0])
+        termination = Termination(max_iterations=oracle.max_iterations)
+        try:
+            result = planner.plan(
+                Problem(space, np.array(problem.start), np.array(problem.goal), scene.name),
+                UniformSampler(),
+                termination,
+                seed,
+            )
+        except PipelineError as error:  # a problem that cannot be planned is counted, not the end of the stage
+            empty = flatten(np.empty((0, robot.dimension)))
+            rows.append({**head, "status": "refused", "solved": False, "message": str(error), **empty})
+            continue
+        path = shortcut(space, result.path, np.random.default_rng(seed), oracle.shortcuts)
+        lengths = {"length": path_length(path), "raw_length": path_length(result.path)}
+        record = {k: v for k, v in result.row().items() if k not in ("claimed", "network_time")}
+        rows.append({**head, "solved": result.solved, "message": "", **lengths, **record, **flatten(path)})
+    return pd.DataFrame(rows)

@@ -1,0 +1,208 @@
+"""The sphere environment (compnetx.txt, section VI-A): a point mass among blocks on the unit sphere.
+
+Scenario 1, "blocks": cubes centred on the sphere and aligned to its tangent plane, placed as in the authors' generator
+(AtlasSphere, GenerateBrickConfig.cpp): phi = acos(0.75 U[-1, 1]), theta = pi U[-1, 1]. Scenario 2, "bands": the three
+slabs with one gap each of OMPL's sphere demo, never trained on.
+
+Where this departs from the original: starts and goals are uniform on the sphere (the original normalises uniform points of a
+cube, which favours its corners), and start and goal of a problem lie in one connected piece of the free space, found by
+flood fill: pairs that no path joins measure nothing.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from pipeline.constraints import Constraint, sphere_constraint
+from pipeline.environments.base import Scene, Split
+from pipeline.errors import ConfigError, ProblemError
+from pipeline.robots import Obstacle, Robot, Shape, Validity, point_robot
+
+BLOCKS, BANDS = "blocks", "bands"
+_IDENTITY = (0.0, 0.0, 0.0, 1.0)
+_MOST_TRIES = 10_000  # draws of a start or goal before a scene counts as full
+
+
+@dataclass(frozen=True)
+class Band:
+    """A slab low < z < high with a gap |x| or |y| < gap / 2 on one side.
+
+    Attributes:
+        low, high: its range of z [m].
+        gap_axis: the coordinate that is small in the gap, "x" or "y".
+        side: sign of the other coordinate in the gap, +1 or -1.
+        gap: width of the gap [m].
+    """
+
+    low: float
+    high: float
+    gap_axis: str
+    side: int
+    gap: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ConfigError(f"band has low = {self.low} and high = {self.high}; low must be below high")
+        if self.gap_axis not in ("x", "y"):
+            raise ConfigError(f"band.gap_axis is {self.gap_axis!r}; choices: x, y")
+        if self.side not in (-1, 1):
+            raise ConfigError(f"band.side is {self.side}; choices: -1, 1")
+        if not self.gap > 0:
+            raise ConfigError(f"band.gap is {self.gap} m; it must be above 0 m")
+
+    def obstacles(self, reach: float) -> list[Obstacle]:
+        """Return the slab out to |x|, |y| = reach [m] as one box behind the gap and two beside it."""
+        centre, height, half = (self.low + self.high) / 2, self.high - self.low, self.gap / 2
+        parts = [((-reach, 0.0), (-reach, reach)), ((0.0, reach), (half, reach)), ((0.0, reach), (-reach, -half))]
+        found = []
+        for (a_low, a_high), (b_low, b_high) in parts:  # a: across the gap, b: along the small coordinate
+            a, b = self.side * (a_low + a_high) / 2, (b_low + b_high) / 2
+            a_size, b_size = a_high - a_low, b_high - b_low
+            x, y = (a, b) if self.gap_axis == "y" else (b, a)
+            size = (a_size, b_size, height) if self.gap_axis == "y" else (b_size, a_size, height)
+            found.append(Obstacle(Shape.BOX, (x, y, centre), _IDENTITY, size))
+        return found
+
+
+@dataclass(frozen=True)
+class SphereEnvironment:
+    """Parameters of the environment; see `conf/environment/sphere.yaml` for where each number comes from."""
+
+    name: str = "sphere"
+    seed: int = 0
+    radius: float = 1.0
+    robot_radius: float = 0.001
+    reach: float = 1.1
+    tolerance: float = 0.001
+    max_iterations: int = 50
+    margin: float = 0.005
+    blocks: int = 500
+    block_size: float = 0.1
+    latitude: float = 0.75
+    bands: tuple[Band, ...] = field(default_factory=tuple)
+    grid: int = 100_000
+    slack: float = 0.003
+    frame: str = "point"
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "robot_radius", "reach", "tolerance", "block_size", "latitude", "grid"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ConfigError(f"environment.{name} is {getattr(self, name)}; it must be finite and above 0")
+        for name in ("seed", "blocks", "margin", "slack"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ConfigError(f"environment.{name} is {getattr(self, name)}; it must be finite and at least 0")
+        if self.reach <= self.radius:
+            raise ConfigError(f"environment.reach is {self.reach} m; it must be above the radius, {self.radius} m")
+        if self.latitude > 1:
+            raise ConfigError(f"environment.latitude is {self.latitude}; it must be at most 1 (the poles)")
+
+    def robot(self) -> Robot:
+        """Return the point mass."""
+        return point_robot(self.robot_radius, [-self.reach] * 3, [self.reach] * 3)
+
+    def constraint(self) -> Constraint:
+        """Return F(q) = ||q|| - radius."""
+        return sphere_constraint(self.robot(), self.frame, self.radius, self.tolerance, self.max_iterations)
+
+    def scenes(self, counts: dict[Split, int]) -> list[Scene]:
+        """Return the scenes of scenario 1, `counts` per split, and the one of scenario 2.
+
+        Scene i depends on the seed and i only: a smaller profile has the first scenes of a larger one's splits.
+        """
+        for split, count in counts.items():
+            if count < 0:
+                raise ConfigError(f"scenes.{split.value} is {count}; it must be at least 0")
+        found = []
+        for k, split in enumerate(Split):
+            for i in range(counts.get(split, 0)):
+                rng = np.random.default_rng([self.seed, 1, k, i])
+                found.append(Scene(BLOCKS, f"{BLOCKS}-{split.value}-{i:03d}", split, self._blocks(rng)))
+        slabs = tuple(box for band in self.bands for box in band.obstacles(self.reach))
+        if slabs:
+            found.append(Scene(BANDS, BANDS, Split.TEST, slabs))
+        return found
+
+    def problems(self, scene: Scene, count: int) -> pd.DataFrame:
+        """Return `count` problems of a scene; the first ones are the same for every count.
+
+        Raises:
+            ProblemError: the scene has no room for a start and a goal.
+        """
+        if count < 0:
+            raise ConfigError(f"the number of problems is {count}; it must be at least 0")
+        rng = np.random.default_rng([self.seed, 2, *scene.name.encode()])
+        space = _FreeSpace(self, scene)
+        rows: list[dict[str, object]] = []
+        for problem in range(count):
+            for _ in range(_MOST_TRIES):
+                start, goal = space.draw(rng), space.draw(rng)
+                if space.piece(start) == space.piece(goal):
+                    break
+            else:
+                raise ProblemError(f"scene {scene.name!r}: no connected start and goal in {_MOST_TRIES} draws")
+            rows.append({"problem": problem, "start": start, "goal": goal})
+        frame = pd.DataFrame(rows, columns=["problem", "start", "goal"])
+        frame.insert(0, "scenario", scene.scenario)
+        frame.insert(1, "scene", scene.name)
+        frame.insert(2, "split", scene.split.value)
+        return frame
+
+    def _blocks(self, rng: np.random.Generator) -> tuple[Obstacle, ...]:
+        size = (self.block_size,) * 3
+        found = []
+        for z, theta in zip(
+            self.latitude * rng.uniform(-1, 1, self.blocks), np.pi * rng.uniform(-1, 1, self.blocks), strict=True
+        ):
+            phi = np.arccos(z)
+            # Local z along the radius, local x along the meridian: the block is aligned to the tangent plane.
+            orientation = Rotation.from_euler("ZY", [theta, phi])
+            x, y, height = (self.radius * orientation.apply([0.0, 0.0, 1.0])).tolist()
+            qx, qy, qz, qw = orientation.as_quat().tolist()
+            found.append(Obstacle(Shape.BOX, (x, y, height), (qx, qy, qz, qw), size))
+        return tuple(found)
+
+
+class _FreeSpace:
+    """The free part of the sphere as a grid with its connected pieces, found with `slack` on top of the margin."""
+
+    def __init__(self, environment: SphereEnvironment, scene: Scene) -> None:
+        self.environment = environment
+        margin = environment.margin + environment.slack
+        self.validity = Validity(environment.robot(), scene.obstacles, margin)
+        grid = environment.radius * fibonacci_sphere(environment.grid)
+        free = np.array([self.validity.collision_free(q) for q in grid])
+        if not free.any():
+            raise ProblemError(f"scene {scene.name!r} has no free space at a margin of {margin} m")
+        self.tree = cKDTree(grid[free])
+        # Grid points are sqrt(4 pi / N) apart; neighbours in all directions are within 1.8 times that.
+        pairs = self.tree.query_pairs(
+            1.8 * environment.radius * np.sqrt(4 * np.pi / environment.grid), output_type="ndarray"
+        )
+        size = int(free.sum())
+        links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+        _, self.pieces = connected_components(links, directed=False)
+
+    def draw(self, rng: np.random.Generator) -> np.ndarray:
+        """Return a free point, uniform on the sphere (3,)."""
+        for _ in range(_MOST_TRIES):
+            q = rng.normal(size=3)
+            q *= self.environment.radius / np.linalg.norm(q)
+            if self.validity.collision_free(q):
+                return q
+        raise ProblemError(f"no free point on the sphere in {_MOST_TRIES} draws")
+
+    def piece(self, q: np.ndarray) -> int:
+        """Return the number of the connected piece that q (3,) belongs to."""
+        return int(self.pieces[self.tree.query(q)[1]])
+
+
+def fibonacci_sphere(count: int) -> np.ndarray:
+    """Return `count` nearly even points on the unit sphere (count, 3)."""
+    i = np.arange(count) + 0.5
+    phi, theta = np.arccos(1 - 2 * i / count), np.pi * (1 + np.sqrt(5)) * i
+    return np.column_stack([np.cos(theta) * np.sin(phi), np.sin(theta) * np.sin(phi), np.cos(phi)])

@@ -1,0 +1,122 @@
+"""Trials: every method on every problem, verified, one row each."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.environments import Environment, Scene, flatten, validity
+from pipeline.errors import ConfigError
+from pipeline.evaluation.verifier import VerifierParameters, verify
+from pipeline.manifolds import Adherence, make_adherence
+from pipeline.planners import PLANNERS, Planner, Problem, Termination
+from pipeline.samplers import Learned, Sampler, make_sampler
+from pipeline.schema import Choice
+
+
+@dataclass(frozen=True)
+class Method:
+    """A planner with a sampler, under the name of the tables."""
+
+    label: str
+    planner: Choice
+    sampler: Choice
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is compared, under which bounds.
+
+    Attributes:
+        methods: by key.
+        adherences: by key.
+        time_limit: of every plan [s].
+        seed: of all trials; all methods get the same stream for a problem.
+        verifier: bounds of the check.
+    """
+
+    methods: dict[str, Method]
+    adherences: dict[str, Choice]
+    time_limit: float
+    seed: int
+    verifier: VerifierParameters
+
+    def __post_init__(self) -> None:
+        if not self.methods or not self.adherences:
+            raise ConfigError("an experiment needs at least one method and one adherence")
+        if not 0 < self.time_limit < np.inf:
+            raise ConfigError(f"time_limit is {self.time_limit} s; it must be finite and above 0 s")
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}; it must be at least 0")
+
+
+def run_trials(
+    experiment: Experiment,
+    environment: Environment,
+    scenes: dict[str, Scene],
+    learned: Learned | None,
+    problems: pd.DataFrame,
+) -> pd.DataFrame:
+    """Run all methods with all adherences on the problems of one scene; problem by problem, so that drift hits all.
+
+    Columns: environment, scenario, scene, problem, method, planner, sampler, adherence, seed, status, claimed, solved
+    (verified), rejection (the verifier's sentence), planning_time [s], network_time [s], path_length [m], iterations,
+    the counters, max_violation, min_clearance [m], path, waypoints, dimension.
+    """
+    scene = scenes[problems["scene"].iloc[0]]
+    robot, constraint = environment.robot(), environment.constraint()
+    checker = validity(environment, scene, robot)
+    exact = validity(environment, scene, robot, margin=0.0)
+    spaces = {key: make_adherence(choice, constraint, checker) for key, choice in experiment.adherences.items()}
+    built: dict[str, tuple[Planner, Sampler]] = {
+        key: (method.planner.make(PLANNERS, f"methods.{key}.planner"), make_sampler(method.sampler, learned))
+        for key, method in experiment.methods.items()
+    }
+    first = problems.iloc[:1]
+    for _ in _trials(experiment, environment, scene, spaces, built, exact, first):
+        pass  # the first plan of each method touches everything once; it is measured again below
+    return pd.DataFrame(list(_trials(experiment, environment, scene, spaces, built, exact, problems)))
+
+
+def _trials(
+    experiment: Experiment,
+    environment: Environment,
+    scene: Scene,
+    spaces: dict[str, Adherence],
+    built: dict[str, tuple[Planner, Sampler]],
+    exact: Any,
+    problems: pd.DataFrame,
+) -> Iterator[dict[str, Any]]:
+    termination = Termination(time_limit=experiment.time_limit)
+    for problem in problems.itertuples():
+        start, goal = np.array(problem.start), np.array(problem.goal)
+        stream = np.random.SeedSequence([experiment.seed, int(problem.problem), *scene.name.encode()])
+        seed = int(stream.generate_state(1)[0])
+        for key, (planner, sampler) in built.items():
+            method = experiment.methods[key]
+            for adherence, space in spaces.items():
+                result = planner.plan(Problem(space, start, goal, scene.name), sampler, termination, seed)
+                row: dict[str, Any] = {
+                    "environment": environment.name,
+                    "scenario": scene.scenario,
+                    "scene": scene.name,
+                    "problem": int(problem.problem),
+                    "method": method.label,
+                    "planner": method.planner.kind,
+                    "sampler": method.sampler.kind,
+                    "adherence": adherence,
+                    **result.row(),
+                    "solved": False,
+                    "rejection": "",
+                    "path_length": np.nan,
+                    "max_violation": np.nan,
+                    "min_clearance": np.nan,
+                }
+                if result.solved:
+                    verdict = verify(result.path, start, goal, space.constraint, exact, experiment.verifier)
+                    row["solved"], row["rejection"] = verdict.passed, verdict.message
+                    row["path_length"], row["max_violation"] = verdict.length, verdict.max_violation
+                    row["min_clearance"] = np.nan if verdict.min_clearance is None else verdict.min_clearance
+                yield {**row, **flatten(result.path)}

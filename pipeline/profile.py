@@ -1,0 +1,65 @@
+"""The scale of a run: one section per stage that scales."""
+
+from dataclasses import dataclass, fields
+
+from pipeline.environments.base import Split
+from pipeline.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class ScenesScale:
+    """Numbers of scenes per split and of problems per scene."""
+
+    train: int
+    validation: int
+    test: int
+    pairs: int
+    test_pairs: int
+    band_pairs: int
+
+    def __post_init__(self) -> None:
+        _positive("scenes", self)
+
+    @property
+    def counts(self) -> dict[Split, int]:
+        """Scenes per split."""
+        return {Split.TRAIN: self.train, Split.VALIDATION: self.validation, Split.TEST: self.test}
+
+
+@dataclass(frozen=True)
+class TrainScale:
+    """Epochs."""
+
+    epochs: int
+
+    def __post_init__(self) -> None:
+        _positive("train", self)
+
+
+@dataclass(frozen=True)
+class BenchmarkScale:
+    """Problems per scene of scenario 1, problems of scenario 2, time limit [s], recordings per method."""
+
+    problems_per_scene: int
+    band_problems: int
+    time_limit: float
+    recordings: int
+
+    def __post_init__(self) -> None:
+        _positive("benchmark", self)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """See `conf/profile/`."""
+
+    name: str
+    scenes: ScenesScale
+    train: TrainScale
+    benchmark: BenchmarkScale
+
+
+def _positive(section: str, scale: object) -> None:
+    for f in fields(scale):  # type: ignore[arg-type]  # every caller is a dataclass
+        if not getattr(scale, f.name) > 0:
+            raise ConfigError(f"profile.{section}.{f.name} is {getattr(scale, f.name)}; it must be above 0")

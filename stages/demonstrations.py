@@ -1,0 +1,62 @@
+"""Plan the training problems with the oracle, on all cores and resumably."""
+
+from dataclasses import asdict, dataclass
+from functools import partial
+
+import hydra
+import pandas as pd
+from omegaconf import DictConfig
+
+from pipeline.config import load
+from pipeline.environments import ENVIRONMENTS, Oracle, Split, demonstrate, read_problems, read_scenes, shards
+from pipeline.files import atomic_folder, code_digest, digest, write_json, write_table
+from pipeline.parallel import run_shards
+from pipeline.profile import Profile
+from pipeline.schema import Choice
+from pipeline.stage import SCRATCH, folder, guarded
+
+
+@dataclass(frozen=True)
+class Config:
+    profile: Profile
+    environment: Choice
+    oracle: Oracle
+    shard: int
+    workers: int
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="demonstrations")
+@guarded
+def main(cfg: DictConfig) -> None:
+    config = load(cfg, Config)
+    environment = config.environment.make(ENVIRONMENTS, "environment")
+    source = folder(config.profile.name, "scenes", config.environment.name)
+    scenes = read_scenes(source)
+    problems = read_problems(source, environment.robot().dimension)
+    problems = problems[problems.split != Split.TEST.value]
+    files = [source / "scenes.parquet", source / "problems.parquet"]
+    key = digest(*files, config.environment.parameters, asdict(config.oracle), config.shard, code_digest())
+    frames = run_shards(
+        partial(demonstrate, config.oracle, environment, scenes),
+        list(shards(problems, config.shard)),
+        SCRATCH / "demonstrations" / key,
+        config.workers,
+        "demonstrations",
+    )
+    paths = pd.concat(frames, ignore_index=True)
+    times = paths[["scene", "problem", "planning_time"]]
+    metrics = {
+        "problems": len(paths),
+        "solved": int(paths.solved.sum()),
+        "failed": int((~paths.solved).sum()),
+        "median_length": float(paths[paths.solved].length.median()),
+        "median_length_before_shortcuts": float(paths[paths.solved].raw_length.median()),
+    }
+    with atomic_folder(folder(config.profile.name, "demonstrations", config.environment.name)) as out:
+        write_table(paths.drop(columns="planning_time"), out / "paths.parquet", "paths")
+        write_table(times, out / "timing.parquet", "timing")
+        write_json(metrics, out / "metrics.json")
+
+
+if __name__ == "__main__":
+    main()

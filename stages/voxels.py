@@ -1,0 +1,46 @@
+"""Turn every scene into the voxel grid the scene encoder sees."""
+
+from dataclasses import dataclass
+
+import hydra
+import numpy as np
+from omegaconf import DictConfig
+
+from pipeline.config import load
+from pipeline.environments import read_scenes
+from pipeline.files import atomic_folder, write_arrays
+from pipeline.perception import VoxelParameters, scene_voxels
+from pipeline.profile import Profile
+from pipeline.schema import Choice
+from pipeline.stage import folder, guarded
+
+
+@dataclass(frozen=True)
+class Perception:
+    seed: int
+    voxels: VoxelParameters
+
+
+@dataclass(frozen=True)
+class Config:
+    profile: Profile
+    environment: Choice
+    perception: Perception
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="voxels")
+@guarded
+def main(cfg: DictConfig) -> None:
+    config = load(cfg, Config)
+    scenes = read_scenes(folder(config.profile.name, "scenes", config.environment.name))
+    grids = [scene_voxels(s.obstacles, config.perception.voxels, config.perception.seed) for s in scenes.values()]
+    with atomic_folder(folder(config.profile.name, "voxels", config.environment.name)) as out:
+        write_arrays(
+            {"scene": np.array(list(scenes)), "voxels": np.stack(grids), "bounds": config.perception.voxels.bounds},
+            out / "voxels.npz",
+            "voxels",
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""Sampling at planning time: numpy says what torch says."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from small_training import LIMITS
+
+from pipeline.errors import ArtifactError, ProblemError
+from pipeline.learning import CompnetxNetwork, Model, NetworkParameters
+from pipeline.learning.dropout import draw_masks
+from pipeline.learning.networks import Compnetx
+
+VOXELS = np.random.default_rng(0).random((40, 40, 40)) < 0.1
+
+
+def ask(count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    current, target = np.random.default_rng(seed).uniform(LIMITS.lower, LIMITS.upper, (2, count, 3))
+    return current, target
+
+
+def by_torch(model: Model, voxels: np.ndarray, current, target, masks, task=None) -> np.ndarray:
+    """The same answer from the torch modules in double precision, nothing folded."""
+    network = pickle.loads(pickle.dumps(model.network)).double()
+    with torch.no_grad():
+        grids = torch.from_numpy(voxels).double()[None]
+        code = network.encode(grids, None if task is None else torch.from_numpy(task)[None])
+        inputs = [torch.from_numpy(model.normalisation.normalise(q)) for q in (current, target)]
+        answer = network(code.expand(len(current), -1), *inputs, torch.from_numpy(masks).double())
+    return model.normalisation.denormalise(answer.numpy())
+
+
+@pytest.mark.parametrize("centre", [False, True])
+@pytest.mark.parametrize("count", [1, 2, 20])
+def test_as_torch(model, count, centre):
+    """With the same masks, numpy's folded layers answer what torch's layers do, to single precision."""
+    model = replace(model, normalisation=replace(LIMITS, centre=centre))
+    network = CompnetxNetwork(model)
+    network.encode("scene", VOXELS)
+    current, target = ask(count)
+    masks = draw_masks(np.random.default_rng(2), count, model.parameters.dropout_units, 0.5)
+    found = network.evaluate("scene", current, target, masks)
+    assert found.shape == (count, 3)
+    assert found.dtype == np.float64
+    np.testing.assert_allclose(found, by_torch(model, VOXELS, current, target, masks), atol=2e-6)
+
+
+def test_task(model):
+    """A task representation is folded as the scene is."""
+    parameters = NetworkParameters(dimension=3, grid=13, task_input=10, dropout_layers=3, dropout=0.2)
+    torch.manual_seed(1)
+    model = Model(parameters, LIMITS, Compnetx(parameters).eval())
+    network = CompnetxNetwork(model)
+    voxels, task = VOXELS[:13, :13, :13], np.arange(10.0)
+    network.encode(("scene", 3), voxels, task)
+    current, target = ask(4)
+    masks = draw_masks(np.random.default_rng(2), 4, parameters.dropout_units, 0.2)
+    found = network.evaluate(("scene", 3), current, target, masks)
+    np.testing.assert_allclose(found, by_torch(model, voxels, current, target, masks, task), atol=2e-6)
+    with pytest.raises(ArtifactError, match="expects 10 numbers"):
+        network.encode("other", voxels)
+
+
+def test_scene_matters(model):
+    """Each key samples for its own scene, and a key is encoded once."""
+    network = CompnetxNetwork(model)
+    current, target = ask(5)
+    network.encode("a", VOXELS)
+    network.encode("b", ~VOXELS)
+    a, b = (network.sample(key, current, target, np.random.default_rng(0)) for key in "ab")
+    assert np.abs(a - b).max() > 1e-3
+    network.encode("a", ~VOXELS)
+    assert np.array_equal(network.sample("a", current, target, np.random.default_rng(0)), a)
+
+
+def test_chance(model):
+    """Equal streams give equal samples; rows of a batch, and calls, differ; one target may serve all rows."""
+    network = CompnetxNetwork(model)
+    network.encode("scene", VOXELS)
+    current, target = np.repeat(ask(1)[0], 20, axis=0), np.repeat(ask(1)[1], 20, axis=0)
+    one, two = np.random.default_rng(7), np.random.default_rng(7)
+    first = network.sample("scene", current, target, one)
+    assert np.array_equal(first, network.sample("scene", current, target[0], two))
+    assert len(np.unique(first, axis=0)) == 20
+    assert not np.array_equal(first, network.sample("scene", current, target, one))
+
+
+def test_processes(model):
+    """A copy sent to another process samples the same, its encoded scenes included."""
+    network = CompnetxNetwork(model)
+    network.encode("scene", VOXELS)
+    copy = pickle.loads(pickle.dumps(network))
+    copy.encode("new", VOXELS)
+    current, target = ask(3)
+    samples = [n.sample(k, current, target, np.random.default_rng(0)) for n, k in ((network, "scene"), (copy, "new"))]
+    assert np.array_equal(*samples)
+
+
+def test_refused(model):
+    """An unknown scene and a grid of another size are refused by name."""
+    network = CompnetxNetwork(model)
+    with pytest.raises(ProblemError, match="'nowhere' was not encoded"):
+        network.sample("nowhere", *ask(1), np.random.default_rng(0))
+    with pytest.raises(ArtifactError, match=r"\(32, 32, 32\)"):
+        network.encode("small", VOXELS[:32, :32, :32])

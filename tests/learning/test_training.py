@@ -1,0 +1,194 @@
+"""Training: repeatable to the byte, resumable after a kill, and it learns."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from small_training import LIMITS, SMALL, make_data, make_pairs
+
+from pipeline.errors import ArtifactError, ConfigError
+from pipeline.learning import TrainingData, save_model
+from pipeline.learning.batches import Batches
+from pipeline.learning.module import CompnetxModule
+from pipeline.learning.networks import Compnetx
+from pipeline.learning.training import Trained, TrainParameters, train
+
+ROOT = Path(__file__).parents[2]
+PARAMETERS = TrainParameters(epochs=5, batch_size=64, seed=3)
+
+KILLED = """
+import os, signal
+from pathlib import Path
+from small_training import make_data
+from test_training import CompnetxModule, run
+
+step = CompnetxModule.training_step
+
+def deadly(self, batch, index):
+    if (self.current_epoch, index) == (3, 2):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return step(self, batch, index)
+
+CompnetxModule.training_step = deadly
+run(make_data(), Path("broken"))
+"""
+
+
+def run(data: TrainingData, scratch: Path, **changes) -> Trained:
+    return train(replace(PARAMETERS, **changes), SMALL, LIMITS, data, scratch)
+
+
+def stored(trained: Trained, path: Path) -> bytes:
+    save_model(trained.model, path)
+    return path.read_bytes()
+
+
+def last_weights(scratch: Path) -> dict[str, torch.Tensor]:
+    (checkpoint,) = scratch.glob("*/last.ckpt")
+    return torch.load(checkpoint, weights_only=True)["state_dict"]
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory) -> tuple[Trained, Path]:
+    scratch = tmp_path_factory.mktemp("unbroken")
+    return run(make_data(), scratch), scratch
+
+
+def test_killed_and_continued(data, unbroken, tmp_path):
+    """A run killed in the middle of an epoch and continued ends with the bytes and the curves of an unbroken one."""
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])},
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
+    (folder,) = (tmp_path / "broken").iterdir()
+    assert len(pd.read_csv(folder / "curves.csv")) == 3
+    continued, (whole, scratch) = run(data, tmp_path / "broken"), unbroken
+    assert list((tmp_path / "broken").iterdir()) == [folder]
+    assert stored(continued, tmp_path / "a.pt") == stored(whole, tmp_path / "b.pt")
+    pd.testing.assert_frame_equal(continued.curves, whole.curves, check_exact=True)
+    assert (folder / "curves.csv").read_bytes() == (scratch / folder.name / "curves.csv").read_bytes()
+    assert continued.metrics == whole.metrics
+    one, two = last_weights(tmp_path / "broken"), last_weights(scratch)
+    assert all(torch.equal(one[name], two[name]) for name in two)
+
+
+def test_repeatable(data, unbroken, tmp_path):
+    """Equal seeds give equal bytes, whatever chance torch had used before; another seed gives another model."""
+    torch.rand(7)
+    before = torch.random.get_rng_state(), torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
+    again = run(data, tmp_path / "again")
+    whole = stored(unbroken[0], tmp_path / "a.pt")
+    assert stored(again, tmp_path / "b.pt") == whole
+    assert stored(run(data, tmp_path / "other", seed=4), tmp_path / "c.pt") != whole
+    assert torch.equal(before[0], torch.random.get_rng_state())
+    assert before[1:] == (torch.get_num_threads(), torch.are_deterministic_algorithms_enabled())
+
+
+def test_finished(data, unbroken, tmp_path):
+    """A finished run, asked for again, answers the same without a step."""
+    whole, scratch = unbroken
+    again = run(data, scratch)
+    assert again.steps_per_second is None
+    assert whole.steps_per_second > 0
+    assert stored(again, tmp_path / "a.pt") == stored(whole, tmp_path / "b.pt")
+    pd.testing.assert_frame_equal(again.curves, whole.curves, check_exact=True)
+
+
+def test_best(data, unbroken):
+    """The model is that of the lowest validation loss, and the curve's number can be computed anew from it."""
+    trained = unbroken[0]
+    curves = trained.curves
+    assert curves.columns.tolist() == ["epoch", "train_loss", "val_loss"]
+    assert curves["epoch"].tolist() == [0, 1, 2, 3, 4]
+    metrics = trained.metrics
+    assert metrics["val_loss"] == curves["val_loss"].min() == curves["val_loss"][metrics["best_epoch"]]
+    assert (metrics["train_pairs"], metrics["validation_pairs"]) == (300, 70)
+    assert (metrics["train_scenes"], metrics["validation_scenes"]) == (3, 2)
+    network, pairs = trained.model.network, data.validation
+    torch.manual_seed(0)
+    rounds, losses = 400, []
+    codes = network.encode(torch.from_numpy(data.voxels).float())[torch.from_numpy(pairs.scene)]
+    inputs = [torch.from_numpy(LIMITS.normalise(q)).float() for q in (pairs.current, pairs.target)]
+    for _ in range(rounds):
+        masks = (torch.rand(len(pairs), SMALL.dropout_units) < 0.5) * 2.0
+        with torch.no_grad():
+            error = network(codes, *inputs, masks).numpy() - LIMITS.normalise(pairs.following)
+        losses.append((error**2).sum(axis=1).mean())
+    assert np.mean(losses) == pytest.approx(metrics["val_loss"], abs=5 * np.std(losses))
+
+
+def test_gradient_of_a_batch(data):
+    """Encoding each scene once and gathering gives the loss and gradients of encoding every pair's scene for itself."""
+    torch.manual_seed(0)
+    network = Compnetx(SMALL)
+    voxels = torch.from_numpy(data.voxels).float()
+    module = CompnetxModule(network, voxels, 0.01)
+    batch = next(iter(Batches(data.train, SMALL, LIMITS, 64, 0, lambda: 0)))
+    loss = module.training_step(batch, 0)
+    found = torch.autograd.grad(loss, network.parameters())
+    codes = network.encode(voxels[batch.scenes[batch.row]])
+    answer = network(codes, batch.current, batch.target, batch.masks)
+    plain = ((answer - batch.following) ** 2).sum() / len(batch.row)
+    assert loss.item() == pytest.approx(plain.item(), rel=1e-5)
+    for one, two in zip(found, torch.autograd.grad(plain, network.parameters()), strict=True):
+        torch.testing.assert_close(one, two, rtol=1e-3, atol=1e-6)
+
+
+def test_learns(data, tmp_path):
+    """Without dropout, the small network learns a smooth map to a tenth of what answering the mean would cost."""
+    data = TrainingData(data.voxels, make_pairs(4000, [0, 2, 3], 1), make_pairs(300, [1, 4], 2))
+    network = replace(SMALL, dropout=0.0)
+    trained = train(replace(PARAMETERS, epochs=8), network, LIMITS, data, tmp_path)
+    answers = LIMITS.normalise(data.validation.following)
+    assert trained.metrics["val_loss"] < 0.1 * answers.var(axis=0).sum()
+
+
+def test_moved_folder(data, tmp_path):
+    """A best.ckpt that is not of the best epoch, as after an edit by hand, is refused and not published."""
+    trained = run(data, tmp_path, epochs=2)
+    (best,) = tmp_path.glob("*/best.ckpt")
+    content = torch.load(best, weights_only=True)
+    torch.save({**content, "epoch": content["epoch"] + 1}, best)
+    with pytest.raises(ArtifactError, match=f"the best was {trained.metrics['best_epoch']}"):
+        run(data, tmp_path, epochs=2)
+
+
+def test_diverged(data, tmp_path):
+    """A training that diverges says so, with the learning rate to lower."""
+    train_pairs = replace(data.train, following=data.train.following * np.float32(1e30))
+    with pytest.raises(ConfigError, match=r"diverged.*now 0\.01"):
+        run(replace(data, train=train_pairs), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"epochs": 0}, "epochs is 0"),
+        ({"batch_size": 0}, "batch_size is 0"),
+        ({"learning_rate": 0.0}, r"learning_rate is 0\.0"),
+        ({"threads": 0}, "threads is 0"),
+        ({"seed": -1}, "seed is -1"),
+    ],
+)
+def test_refused(change, message):
+    """A value that cannot be trained with is refused with the value in the message."""
+    with pytest.raises(ConfigError, match=message):
+        replace(PARAMETERS, **change)
+
+
+def test_planning_waits_for_no_lightning():
+    """Importing what planning needs does not import Lightning (three seconds)."""
+    code = "import sys, pipeline.learning; sys.exit('lightning' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

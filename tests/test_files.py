@@ -1,0 +1,230 @@
+"""Files are written whole or not at all; what is truncated, foreign or of another version is refused by name."""
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.errors import ArtifactError
+from pipeline.files import (
+    VERSION,
+    atomic_file,
+    atomic_folder,
+    digest,
+    read_arrays,
+    read_json,
+    read_table,
+    write_arrays,
+    write_json,
+    write_table,
+)
+
+FRAME = pd.DataFrame({"scene": [0, 1], "cost": [0.1, np.pi], "name": ["a", "ß"], "q": [[0.1, 1 / 3], [2.0, -0.0]]})
+ARRAYS = {"voxels": np.arange(24).reshape(2, 3, 4) % 3 == 0, "path": np.random.default_rng(0).normal(size=(5, 3))}
+CONTENT = {"b": [1, 0.1, None], "a": {"nested": "ü"}}
+KINDS = {
+    "parquet": (write_table, read_table, FRAME),
+    "npz": (write_arrays, read_arrays, ARRAYS),
+    "json": (write_json, read_json, CONTENT),
+}
+
+
+def refusal(path, *said: str):
+    """A context in which an ArtifactError must name the file and say every one of `said`."""
+    return pytest.raises(ArtifactError, match=re.escape(str(path)) + "".join(f".*{re.escape(word)}" for word in said))
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return request.param, *KINDS[request.param]
+
+
+def test_table_round_trip(tmp_path):
+    """A table comes back with its columns, numbers, text and lists of numbers equal to the last bit."""
+    write_table(FRAME, tmp_path / "new" / "folder" / "t.parquet", "trials")
+    found = read_table(tmp_path / "new" / "folder" / "t.parquet", "trials")
+    assert list(found.columns) == list(FRAME.columns)
+    for column in ("scene", "cost", "name"):
+        assert found[column].tolist() == FRAME[column].tolist()
+    assert [np.asarray(q).tobytes() for q in found["q"]] == [np.asarray(q).tobytes() for q in FRAME["q"]]
+
+
+def test_arrays_round_trip(tmp_path):
+    """Arrays come back with their names, types, shapes and bits, and without the two that say what they are."""
+    write_arrays(ARRAYS, tmp_path / "a.npz", "voxels")
+    found = read_arrays(tmp_path / "a.npz", "voxels")
+    assert sorted(found) == sorted(ARRAYS)
+    for name, array in ARRAYS.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name], array)
+
+
+def test_json_round_trip(tmp_path):
+    """A document comes back equal, in its order, with the schema first in the file and no longer in the content."""
+    write_json(CONTENT, tmp_path / "m.json", "metrics")
+    assert list(json.loads((tmp_path / "m.json").read_text())) == ["schema", "version", "b", "a"]
+    assert list(read_json(tmp_path / "m.json", "metrics").items()) == list(CONTENT.items())
+    write_json(CONTENT, tmp_path / "bare.json")
+    assert json.loads((tmp_path / "bare.json").read_text()) == read_json(tmp_path / "bare.json") == CONTENT
+
+
+def test_same_content_gives_same_bytes(kind, tmp_path):
+    """Writing equal content twice, under other names and over an older file, gives equal bytes."""
+    _, write, _, content = kind
+    (tmp_path / "two").write_text("older")
+    write(content, tmp_path / "one", "schema")
+    write(content, tmp_path / "two", "schema")
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    write(content, tmp_path / "three", "other")
+    assert (tmp_path / "one").read_bytes() != (tmp_path / "three").read_bytes()
+
+
+def test_truncation_is_found_at_every_length(kind, tmp_path):
+    """A file cut off anywhere is refused by name and never read as less."""
+    suffix, write, read, content = kind
+    path = tmp_path / f"cut.{suffix}"
+    write(content, path, "schema")
+    whole = path.read_bytes()
+    for length in (
+        *range(0, len(whole) - 2, 13),
+        len(whole) - 2,
+    ):  # without its last character JSON lacks a newline only
+        path.write_bytes(whole[:length])
+        with refusal(path, "not", "readable", "truncated or foreign"):
+            read(path, "schema")
+
+
+def test_foreign_bytes_are_refused(kind, tmp_path):
+    """A file of another kind under the name is refused by name, its schema unread."""
+    suffix, _, read, _ = kind
+    path = tmp_path / f"foreign.{suffix}"
+    for written in (b"\x89PNG\r\n\x1a\n" + bytes(100), "scene;cost\n0;ü".encode("latin-1"), b"\x80\x04N."):
+        path.write_bytes(written)
+        with refusal(path, "not", "readable", "truncated or foreign"):
+            read(path, "schema")
+
+
+def test_one_array_file_is_not_an_archive(tmp_path):
+    """A plain npy file and an archive of pickled objects are refused as arrays."""
+    np.save(tmp_path / "plain.npy", np.arange(3))
+    np.savez(tmp_path / "pickled.npz", schema=np.array("s"), version=np.array(VERSION), x=np.array([{}], dtype=object))
+    for name in ("plain.npy", "pickled.npz"):
+        with refusal(tmp_path / name, "not a readable npz"):
+            read_arrays(tmp_path / name, "s")
+
+
+def test_json_that_is_no_object_is_refused(tmp_path):
+    """A JSON list is refused with what it is and what was expected, with a schema asked for or not."""
+    (tmp_path / "list.json").write_text("[1, 2]")
+    for schema in (None, "metrics"):
+        with refusal(tmp_path / "list.json", "JSON list", "expected an object"):
+            read_json(tmp_path / "list.json", schema)
+
+
+def test_other_schema_is_refused(kind, tmp_path):
+    """A file of another schema is refused with its own and the expected schema."""
+    _, write, read, content = kind
+    write(content, tmp_path / "file", "problems")
+    with refusal(tmp_path / "file", "'problems'", "expected 'scenes'"):
+        read(tmp_path / "file", "scenes")
+
+
+def test_file_without_schema_is_refused(tmp_path):
+    """Files that other programs wrote, sound but without a schema, are refused as holding none."""
+    pq.write_table(pa.table({"x": [1]}), tmp_path / "t.parquet")
+    np.savez(tmp_path / "a.npz", x=np.arange(3))
+    (tmp_path / "j.json").write_text('{"x": 1}')
+    for read, name in ((read_table, "t.parquet"), (read_arrays, "a.npz"), (read_json, "j.json")):
+        with refusal(tmp_path / name, "schema 'none'", "expected 'scenes'"):
+            read(tmp_path / name, "scenes")
+
+
+@pytest.mark.parametrize("version", [VERSION + 1, "", "1.0"])
+def test_other_version_is_refused(version, tmp_path):
+    """A file of the right schema in another version is refused with its version and the one that is read."""
+    table = pa.table({"x": [1]}).replace_schema_metadata({"schema": "s", "version": str(version)})
+    pq.write_table(table, tmp_path / "t.parquet")
+    np.savez(tmp_path / "a.npz", schema=np.array("s"), version=np.array(version), x=np.arange(3))
+    (tmp_path / "j.json").write_text(json.dumps({"schema": "s", "version": version}))
+    for read, name in ((read_table, "t.parquet"), (read_arrays, "a.npz"), (read_json, "j.json")):
+        with refusal(tmp_path / name, f"version {str(version) or 'none'!r}", "'s'", f"reads {VERSION}"):
+            read(tmp_path / name, "s")
+
+
+def test_missing_file_says_what_to_run(kind, tmp_path):
+    """A file or folder that is not there as a file is refused with its name and the command that makes it."""
+    read = kind[2]
+    for path in (tmp_path / "absent", tmp_path):
+        with refusal(path, "does not exist", "dvc repro"):
+            read(path, "schema")
+    with refusal(tmp_path / "absent", "dvc repro"):
+        digest(tmp_path / "absent")
+
+
+@pytest.mark.parametrize("older", [None, "kept"])
+def test_failed_write_leaves_no_trace(older, tmp_path):
+    """When writing fails half way nothing of it stays, and an older file stays as it was."""
+    path = tmp_path / "file"
+    if older:
+        path.write_text(older)
+    attempts = (
+        lambda: write_json({"fine": 1, "not JSON": {1, 2}}, path),
+        lambda: write_arrays({"schema": np.arange(3)}, path, "taken"),
+        lambda: write_table(pd.DataFrame({"x": [1, "mixed"]}), path, "s"),
+        lambda: interrupted(path),
+    )
+    for attempt in attempts:
+        with pytest.raises((TypeError, KeyboardInterrupt, pa.ArrowInvalid, pa.ArrowTypeError)):
+            attempt()
+        assert [p.name for p in tmp_path.iterdir()] == (["file"] if older else [])
+        assert not older or path.read_text() == older
+
+
+def interrupted(path) -> None:
+    with atomic_file(path) as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+
+
+def test_nothing_is_seen_before_it_is_whole(tmp_path):
+    """While a file is written its name still holds the older content; afterwards only the new one is there."""
+    (tmp_path / "file").write_text("old")
+    with atomic_file(tmp_path / "file") as temporary:
+        temporary.write_text("new")
+        assert (tmp_path / "file").read_text() == "old"
+        assert temporary.parent == tmp_path  # on the same file system, so that renaming it is atomic
+    assert (tmp_path / "file").read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_folder_replaces_the_older_one_or_vanishes(tmp_path):
+    """A folder is replaced as a whole on success; on failure the older one stays and nothing else."""
+    for name in ("first", "second"):
+        with atomic_folder(tmp_path / "folder") as temporary:
+            (temporary / name).write_text(name)
+        assert [p.name for p in (tmp_path / "folder").iterdir()] == [name]
+    with pytest.raises(RuntimeError), atomic_folder(tmp_path / "folder") as temporary:
+        (temporary / "third").write_text("third")
+        raise RuntimeError
+    assert [p.name for p in tmp_path.iterdir()] == ["folder"]
+    assert (tmp_path / "folder" / "second").read_text() == "second"
+
+
+def test_digest_depends_on_content_only(tmp_path):
+    """Equal files and values have equal digests whatever their names and key order; any change makes another one."""
+    for name, text in (("a", "x"), ("b", "x"), ("c", "y")):
+        (tmp_path / name).write_text(text)
+    same = digest({"p": 1, "q": [2.5]}, tmp_path / "a")
+    assert same == digest({"q": [2.5], "p": 1}, tmp_path / "b")
+    others = [
+        digest({"p": 1, "q": [2.5]}, tmp_path / "c"),
+        digest({"p": 2, "q": [2.5]}, tmp_path / "a"),
+        digest(tmp_path / "a", {"p": 1, "q": [2.5]}),
+        digest({"p": 1, "q": [2.5]}),
+    ]
+    assert len({same, *others}) == 5
+    assert re.fullmatch("[0-9a-f]{16}", same)
