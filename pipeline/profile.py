@@ -38,11 +38,10 @@ class TrainScale:
 
 @dataclass(frozen=True)
 class BenchmarkScale:
-    """Problems per scene of scenario 1, problems of scenario 2, time limit [s], recordings per method."""
+    """Problems per scene of scenario 1, problems of scenario 2, recordings per scenario, method and adherence."""
 
     problems_per_scene: int
     band_problems: int
-    time_limit: float
     recordings: int
 
     def __post_init__(self) -> None:

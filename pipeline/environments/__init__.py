@@ -22,7 +22,6 @@ __all__ = [
     "BANDS",
     "BLOCKS",
     "ENVIRONMENTS",
-    "BLOCKS",
     "Band",
     "Environment",
     "Oracle",

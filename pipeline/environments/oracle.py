@@ -47,7 +47,9 @@ def shards(problems: pd.DataFrame, size: int) -> Iterator[tuple[str, pd.DataFram
             yield f"{scene}-{first:05d}", rows.iloc[first : first + size]
 
 
-def demonstrate(oracle: Oracle, environment: Environment, scenes: dict[str, Scene], problems: pd.DataFrame) -> pd.DataFrame:
+def demonstrate(
+    oracle: Oracle, environment: Environment, scenes: dict[str, Scene], problems: pd.DataFrame
+) -> pd.DataFrame:
     """Plan the problems of one scene; one row each, failures included with an empty path.
 
     Columns: scenario, scene, split, problem, status, solved, message, length [m], raw_length [m] (before shortcuts),

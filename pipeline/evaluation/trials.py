@@ -1,7 +1,7 @@
 """Trials: every method on every problem, verified, one row each."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from pipeline.environments import Environment, Scene, flatten, validity
 from pipeline.errors import ConfigError
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
-from pipeline.planners import PLANNERS, Planner, Problem, Termination
+from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
 from pipeline.samplers import Learned, Sampler, make_sampler
 from pipeline.schema import Choice
 
@@ -120,3 +120,52 @@ def _trials(
                     row["path_length"], row["max_violation"] = verdict.length, verdict.max_violation
                     row["min_clearance"] = np.nan if verdict.min_clearance is None else verdict.min_clearance
                 yield {**row, **flatten(result.path)}
+
+
+def benchmark_metrics(trials: pd.DataFrame) -> dict[str, Any]:
+    """Return success, median time [ms] and median length [m] by scenario, method and adherence."""
+    found: dict[str, Any] = {}
+    for (scenario, method, adherence), rows in trials.groupby(["scenario", "method", "adherence"], sort=False):
+        solved = rows[rows.solved]
+        found.setdefault(scenario, {}).setdefault(method, {})[adherence] = {
+            "n": len(rows),
+            "success": float(rows.solved.mean()),
+            "median_time_ms": float(1e3 * rows.planning_time.median()),
+            "median_length": float(solved.path_length.median()) if len(solved) else None,
+        }
+    return found
+
+
+def sample_clouds(
+    experiment: Experiment,
+    environment: Environment,
+    scenes: dict[str, Scene],
+    learned: Learned,
+    problems: pd.DataFrame,
+    count: int,
+) -> dict[str, np.ndarray]:
+    """Return `count` samples of every batch sampler for the first problem of each scenario, as FMT* asks for them.
+
+    Keys are "<scenario>/<label>" (N, n), "<scenario>/start" and "<scenario>/goal" (n,).
+    """
+    adherence = next(iter(experiment.adherences.values()))
+    clouds: dict[str, np.ndarray] = {}
+    for scenario, rows in problems.groupby("scenario", sort=False):
+        problem = rows.iloc[0]
+        scene, start, goal = scenes[problem.scene], np.array(problem.start), np.array(problem.goal)
+        checker = validity(environment, scene, environment.robot())
+        space = make_adherence(adherence, environment.constraint(), checker)
+        clouds[f"{scenario}/start"], clouds[f"{scenario}/goal"] = start, goal
+        for method in experiment.methods.values():
+            planner = method.planner.make(PLANNERS, "planner")
+            if not isinstance(planner, FmtStar):
+                continue
+            sampler = make_sampler(method.sampler, learned)
+            space.reset()
+            sampler.start(space, np.random.default_rng(experiment.seed), scene.name)
+            batch = replace(planner, samples=count + 2)
+            asked = Problem(space, start, goal, scene.name)
+            clouds[f"{scenario}/{method.label}"] = batch.first_batch(
+                asked, sampler, Clock(Termination(time_limit=experiment.time_limit))
+            )[2:]
+    return clouds

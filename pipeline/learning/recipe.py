@@ -39,9 +39,7 @@ class Recipe:
 
     def parameters(self) -> TrainParameters:
         """Return what `train` takes."""
-        return TrainParameters(
-            self.profile.train.epochs, self.batch_size, self.learning_rate, self.seed, self.threads
-        )
+        return TrainParameters(self.profile.train.epochs, self.batch_size, self.learning_rate, self.seed, self.threads)
 
 
 def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> Trained:
@@ -61,9 +59,7 @@ def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> Trained:
     held_out = sorted(set(paths[paths["split"] == Split.VALIDATION.value]["scene"]))
     if not held_out:
         raise ArtifactError("no validation scene has a solved demonstration: nothing to choose a checkpoint by")
-    pairs = demonstration_pairs(
-        paths, scenes, recipe.spacing, lambda Q: constraint.project_batch(Q)[0], recipe.reverse
-    )
+    pairs = demonstration_pairs(paths, scenes, recipe.spacing, lambda Q: constraint.project_batch(Q)[0], recipe.reverse)
     data = TrainingData(grids["voxels"].astype(bool), *split_by_scene(pairs, scenes, held_out))
     normalisation = Normalisation(tuple(robot.lower), tuple(robot.upper), recipe.model.centre)
     return train(parameters, recipe.model.network, normalisation, data, scratch)

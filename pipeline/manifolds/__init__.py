@@ -3,12 +3,10 @@
 from typing import Any
 
 from pipeline.constraints import Constraint
-
 from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, AdherenceParameters, Counters, Refined, Stop, Traversal
 from pipeline.manifolds.continuation import AtlasAdherence, TangentBundleAdherence
 from pipeline.manifolds.projection import ProjectionAdherence
-
 from pipeline.robots import Validity
 from pipeline.schema import Choice
 

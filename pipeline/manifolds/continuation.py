@@ -90,7 +90,7 @@ class ContinuationAdherence(Adherence):
                 reached.append(chord[0])
                 if to_target[i] <= parameters.step:
                     return self._finish(reached, q_from, q_to)
-                if code == Stop.ARRIVED.value:  # over the target in the chart: a step away from it, or on another fold
+                if code == Stop.ARRIVED.value and not leaves:  # over the target in the chart, or on another fold
                     near = to_target[i] <= parameters.leap * parameters.step
                     return self._finish(reached, q_from, q_to) if near else self._ended(reached, Stop.FOLDED)
                 if len(reached) >= limit:

@@ -13,6 +13,7 @@ from pipeline.samplers.base import Sampler
 
 _UNVISITED, _OPEN, _CLOSED = 0, 1, 2
 _START, _GOAL = 0, 1
+_TRIES = 5  # neighbours a late sample tries before it is left for the wave: most of the dear ones are blocked too
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class FmtStar(Planner):
     def _search(
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
-        batch = self._first_batch(problem, sampler, clock)
+        batch = self.first_batch(problem, sampler, clock)
         wave = _Wave(problem.adherence, batch, self.radius_multiplier)
         while True:
             status = clock.tick()
@@ -63,7 +64,7 @@ class FmtStar(Planner):
                 if path is not None:
                     return PlanStatus.SOLVED, path
 
-    def _first_batch(self, problem: Problem, sampler: Sampler, clock: Clock) -> np.ndarray:
+    def first_batch(self, problem: Problem, sampler: Sampler, clock: Clock) -> np.ndarray:
         """Return start, goal and N_init - 2 free samples, fewer when time runs out (N, n)."""
         space, K = problem.adherence, sampler.batch
         found = [problem.start, problem.goal]
@@ -162,7 +163,7 @@ class _Wave:
         if not len(tree):
             return False
         x = self._append(q, near, distances[near])
-        for y in tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")].tolist():
+        for y in tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")][:_TRIES].tolist():
             if self._connect(y, x):
                 self._open(x)
                 return True

@@ -79,7 +79,8 @@ class Stills:
             lifted = np.asarray(cloud, float).reshape(-1, 3)
             lengths = np.linalg.norm(lifted, axis=1, keepdims=True)
             lifted = globe.radius * lifted / np.where(lengths > 0, lengths, 1)
-            label = f"{name}: n = {len(lifted)}"
+            inside = int(covered(lifted, globe.obstacles).sum())
+            label = f"{name}: n = {len(lifted)}, {inside} inside obstacles"
             columns.append(
                 Globe(globe.obstacles, globe.start, globe.goal, globe.paths, lifted, shade, label, globe.radius)
             )

@@ -1,5 +1,6 @@
 """The tables of a planner report, as data frames of text ready for Markdown."""
 
+import re
 from collections.abc import Sequence
 
 import pandas as pd
@@ -99,11 +100,16 @@ def rejection_table(trials: pd.DataFrame) -> pd.DataFrame:
         for method, adherence, group in groups(trials, scenario):
             failed = group[~group["solved"].astype(bool)]
             claimed = failed["claimed"].astype(bool)
-            rejected = "claimed, rejected: " + failed["rejection"].fillna("").astype(str)
+            rejected = "claimed, rejected: " + failed["rejection"].fillna("").astype(str).map(_without_numbers)
             reasons = failed["status"].astype(str).where(~claimed, rejected)
             for reason, count in reasons.value_counts().sort_index().items():
                 rows.append((scenario, method, adherence, len(group), count, reason))
     return pd.DataFrame(rows, columns=["scenario", "method", "adherence", "n", "not solved", "reason"])
+
+
+def _without_numbers(sentence: str) -> str:
+    """Leave the verifier's numbers out, so that rejections of one kind count as one."""
+    return re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", re.sub(r"\[[^\]]*\]", "[#]", sentence))
 
 
 def _outcome(group: pd.DataFrame, said: PaperResult) -> dict[str, object]:

@@ -113,7 +113,7 @@ class LiteralChart:
 
 
 class LiteralAtlas:
-    """Charts found by looking at all of them, nearest first.
+    """Charts found among the four with the nearest origins, nearest first.
 
     Args:
         world: the manifold.
@@ -157,7 +157,7 @@ class LiteralAtlas:
         return True
 
     def get_chart(self, q: np.ndarray) -> LiteralChart | None:
-        for chart in sorted(self.charts, key=lambda chart: norm(chart.origin - q)):
+        for chart in sorted(self.charts, key=lambda chart: norm(chart.origin - q))[:4]:
             u = chart.log(q)
             if self.region_validity(chart, u, q) and self.in_polytope(chart, u):
                 return chart

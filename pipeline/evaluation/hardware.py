@@ -1,0 +1,31 @@
+"""What a measurement was made on."""
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("ompl", "pin", "coal", "casadi", "torch", "numpy", "scipy", "lightning", "hydra-core", "dvc")
+
+
+def hardware() -> dict[str, Any]:
+    """Return processor, usable cores, memory, Python, platform and the versions that matter."""
+    return {
+        "cpu": _first(Path("/proc/cpuinfo"), "model name") or platform.processor() or "unknown",
+        "cores": len(os.sched_getaffinity(0)),
+        "memory": _first(Path("/proc/meminfo"), "MemTotal") or "unknown",
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "packages": {name: version(name) for name in PACKAGES},
+    }
+
+
+def _first(path: Path, key: str) -> str | None:
+    """Return the value of the first line of `path` that begins with `key`; None where there is none."""
+    if not path.is_file():
+        return None
+    for line in path.read_text().splitlines():
+        if line.startswith(key):
+            return line.split(":", 1)[1].strip()
+    return None

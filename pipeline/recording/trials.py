@@ -1,0 +1,78 @@
+"""Recordings of a benchmark: a few solved problems per method."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.environments import Environment, Scene, unflatten
+from pipeline.recording.content import Recording, time_parameterise
+from pipeline.recording.layout import write_layout
+from pipeline.recording.writer import write_recording
+
+_SPEED = 0.5  # of the configuration along the path [rad/s or m/s]: a crossing of the sphere takes some seconds
+_COUNTERS = (
+    "planning_time",
+    "path_length",
+    "iterations",
+    "traversals",
+    "projections",
+    "collision_checks",
+    "samples",
+    "fallback_samples",
+    "nearest_queries",
+    "network_calls",
+    "charts",
+    "repairs",
+    "max_violation",
+)
+
+
+def record_trials(
+    trials: pd.DataFrame,
+    problems: pd.DataFrame,
+    scenes: Mapping[str, Scene],
+    environment: Environment,
+    settings: Any,
+    count: int,
+    folder: Path,
+) -> list[Path]:
+    """Write the first `count` solved trials of every scenario, method and adherence, and a layout to open them with."""
+    robot = environment.robot()
+    starts = problems.set_index(["scene", "problem"])
+    written = []
+    for keys, rows in trials[trials.solved].groupby(["scenario", "method", "adherence"], sort=False):
+        for row in rows.head(count).itertuples():
+            problem = starts.loc[(row.scene, row.problem)]
+            path = unflatten(pd.Series({"path": row.path, "waypoints": row.waypoints, "dimension": row.dimension}))
+            recording = Recording(
+                robot=robot,
+                obstacles=scenes[row.scene].obstacles,
+                states=path,
+                times=time_parameterise(path, _SPEED),
+                tool=environment.frame,
+                start=np.array(problem.start),
+                goal=np.array(problem.goal),
+                counters={name: getattr(row, name) for name in _COUNTERS},
+                metadata={
+                    **{name: str(getattr(row, name)) for name in ("scene", "problem", "planner", "sampler", "seed")},
+                    **dict(zip(("scenario", "method", "adherence"), map(str, keys), strict=True)),
+                },
+                attachments={
+                    "config": settings,
+                    "problem": {
+                        "scene": row.scene,
+                        "problem": int(row.problem),
+                        "start": list(map(float, problem.start)),
+                        "goal": list(map(float, problem.goal)),
+                    },
+                },
+                manifold_sphere_radius=getattr(environment, "radius", None),
+            )
+            name = "_".join((*map(str, keys), str(row.scene), f"{row.problem:04d}")).replace("*", "star")
+            written.append(folder / f"{name}.mcap")
+            write_recording(written[-1], recording)
+    write_layout(folder / "layout.json", robot.dimension)
+    return written

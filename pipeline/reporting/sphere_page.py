@@ -1,0 +1,137 @@
+"""The page of the sphere: every sentence with a number in it is made from the trials."""
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from pipeline.reporting import sphere_pictures as pictures
+from pipeline.reporting import tables, text, verdict
+from pipeline.reporting.frames import check_trials, ordered
+from pipeline.reporting.markdown import Illustration, Provenance, Section, escape, page
+from pipeline.reporting.paper_sphere import SPHERE, PaperResult
+
+TITLE = "Sphere"
+PAPER_SCENARIOS = {"blocks": "scenario 1 of the paper", "bands": "scenario 2 of the paper, never trained on"}
+
+
+def sphere_page(
+    trials: pd.DataFrame,
+    illustrations: Mapping[str, Illustration],
+    provenance: Provenance,
+    paper: Sequence[PaperResult] = SPHERE,
+) -> str:
+    """Return the page in Markdown.
+
+    Args:
+        trials: of the benchmark.
+        illustrations: of `sphere_figures` and `sphere_stills`, by name; those that are missing are left out.
+        provenance: commit, profile, machine, and the commands of 'benchmark', 'train' and 'report'.
+        paper: what to compare with.
+
+    Raises:
+        ArtifactError: columns are missing or unknown.
+    """
+    check_trials(trials)
+    benchmark, train = (provenance.commands.get(stage, "") for stage in ("benchmark", "train"))
+    scenarios = ordered(trials["scenario"], "scenario")
+    verdicts = verdict.verdict_table(trials, paper)
+    results = tables.results_table(trials, paper)
+    machine = (
+        f"Times were measured on {escape(provenance.machine)}; the paper does not name its machine for the sphere."
+    )
+
+    def shown(*names: str) -> list[Illustration]:
+        return [illustrations[name] for name in names if name in illustrations]
+
+    sections = [
+        Section("Summary", [*shown(*scenarios[:1]), *_summary(trials, verdicts), machine], benchmark),
+        Section("What was run", [_runs(trials)], benchmark),
+    ]
+    for scenario, result in results.items():
+        of = f" ({PAPER_SCENARIOS[scenario]})" if scenario in PAPER_SCENARIOS else ""
+        parts: list[str | pd.DataFrame | Illustration] = []
+        for name, columns in (
+            ("Success", tables.OUTCOME),
+            ("Planning time", tables.TIME),
+            ("Path length", tables.LENGTH),
+            ("Work", tables.EFFORT),
+        ):
+            parts += [f"### {name}, {scenario}", result[list(columns)]]
+        parts += [escape(tables.RESULTS_NOTE), machine, *(shown(scenario) if scenario != scenarios[0] else [])]
+        sections.append(Section(f"Results: {scenario}{of}", parts, benchmark))
+    paired = tables.paired_table(trials, paper)
+    sections += [
+        Section(
+            "Learned against classical, problem by problem", [paired, escape(tables.PAIRED_NOTE), machine], benchmark
+        ),
+        Section(
+            "Figures",
+            [*shown(pictures.SUCCESS, pictures.TIME, pictures.LENGTH, pictures.PROGRESS), machine],
+            provenance.commands["report"],
+        ),
+    ]
+    samples = shown(*(pictures.SAMPLES + scenario for scenario in scenarios))
+    if samples:
+        sections.append(Section("Samples", samples, benchmark))
+    if pictures.TRAINING in illustrations:
+        sections.append(Section("Training", shown(pictures.TRAINING), train))
+    sections += [
+        Section("What was not solved, and why", [_rejected(trials), tables.rejection_table(trials)], benchmark),
+        Section("Every comparison", [verdicts, escape(verdict.VERDICT_NOTE), machine], benchmark),
+        Section("Where the paper's numbers stand", [_sources(paper)]),
+    ]
+    return page(TITLE, sections, provenance)
+
+
+def sphere_summary(
+    trials: pd.DataFrame,
+    illustrations: Mapping[str, Illustration],
+    provenance: Provenance,
+    paper: Sequence[PaperResult] = SPHERE,
+) -> Section:
+    """Return the sphere's section of the index: the first picture and the expectations.
+
+    Raises:
+        ArtifactError: columns are missing or unknown.
+    """
+    first = [illustrations[s] for s in ordered(trials["scenario"], "scenario") if s in illustrations][:1]
+    parts = [*first, *_summary(trials, verdict.verdict_table(trials, paper))]
+    return Section(TITLE, parts, provenance.commands.get("benchmark", ""))
+
+
+def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.DataFrame]:
+    if trials.empty:
+        return ["There are no trials."]
+    summary = verdict.verdict_summary(verdicts)
+    met, missed = (int((summary["met"] == answer).sum()) for answer in (verdict.YES, verdict.NO))
+    open_ones = len(summary) - met - missed
+    sentence = f"Of {len(summary)} expectations (three per scenario) {met} are met and {missed} are not"
+    sentence += f"; {open_ones} could not be compared." if open_ones else "."
+    return [sentence, summary, escape(verdict.VERDICT_NOTE)]
+
+
+def _runs(trials: pd.DataFrame) -> pd.DataFrame:
+    rows = []
+    for scenario in ordered(trials["scenario"], "scenario"):
+        part = trials[trials["scenario"] == scenario]
+        rows.append({
+            "scenario": scenario, "in the paper": PAPER_SCENARIOS.get(scenario, text.NONE),
+            "scenes": part["scene"].nunique(), "problems": len(part[["scene", "problem"]].drop_duplicates()),
+            "methods": part["method"].nunique(), "adherence methods": part["adherence"].nunique(),
+            "n trials": len(part), "solved": int(part["solved"].astype(bool).sum()),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _rejected(trials: pd.DataFrame) -> str:
+    solved, claimed = trials["solved"].astype(bool), trials["claimed"].astype(bool)
+    return (
+        f"{int((~solved).sum())} of {len(trials)} trials are not solved; in {int((claimed & ~solved).sum())} of them "
+        "the planner claimed a path that the independent verifier rejected."
+    )
+
+
+def _sources(paper: Sequence[PaperResult]) -> pd.DataFrame:
+    rows = [(r.scenario, r.method, r.adherence, r.time_text, r.success_text, r.length_text, r.source) for r in paper]
+    names = ["scenario", "method", "adherence", "time [s]", "success", "length", "compnetx.txt, section: sentence"]
+    return pd.DataFrame(rows, columns=names)

@@ -1,0 +1,74 @@
+"""Run every method on the test problems, verify the paths, and keep samples and recordings to look at."""
+
+from dataclasses import asdict, dataclass
+from functools import partial
+
+import hydra
+import pandas as pd
+from omegaconf import DictConfig, OmegaConf
+
+from pipeline.config import load
+from pipeline.environments import BANDS, BLOCKS, ENVIRONMENTS, Split, pick, read_problems, read_scenes, shards
+from pipeline.evaluation.hardware import hardware
+from pipeline.evaluation.trials import Experiment, benchmark_metrics, run_trials, sample_clouds
+from pipeline.files import atomic_folder, code_digest, digest, read_arrays, write_arrays, write_json, write_table
+from pipeline.learning import CompnetxNetwork, load_model
+from pipeline.parallel import run_shards, single_threaded
+from pipeline.profile import Profile
+from pipeline.recording.trials import record_trials
+from pipeline.samplers import Learned
+from pipeline.schema import Choice
+from pipeline.stage import SCRATCH, folder, guarded
+
+
+@dataclass(frozen=True)
+class Config:
+    profile: Profile
+    environment: Choice
+    experiment: Experiment
+    cloud: int
+    shard: int
+    workers: int
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="benchmark")
+@guarded
+def main(cfg: DictConfig) -> None:
+    config = load(cfg, Config)
+    profile, name, scale = config.profile.name, config.environment.name, config.profile.benchmark
+    environment = config.environment.make(ENVIRONMENTS, "environment")
+    source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
+    trained = folder(profile, "train", name) / "model.pt"
+    scenes = read_scenes(source)
+    every = read_problems(source, environment.robot().dimension)
+    blocks = pick(every, BLOCKS, [Split.TEST], scale.problems_per_scene)
+    problems = pd.concat([blocks, pick(every, BANDS, [Split.TEST], scale.band_problems)])
+    grids = read_arrays(voxels, "voxels")
+    learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
+    files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
+    key = digest(
+        *files, asdict(config.profile), asdict(config.experiment), config.environment.parameters, code_digest()
+    )
+    frames = run_shards(
+        partial(run_trials, config.experiment, environment, scenes, learned),
+        list(shards(problems, config.shard)),
+        SCRATCH / "benchmark" / key,
+        config.workers,
+        "benchmark",
+    )
+    trials = pd.concat(frames, ignore_index=True)
+    path_columns = ["path", "waypoints", "dimension"]
+    with atomic_folder(folder(profile, "benchmark", name)) as out, single_threaded():
+        write_table(trials.drop(columns=path_columns), out / "trials.parquet", "trials")
+        keys = ["scenario", "scene", "problem", "method", "adherence"]
+        write_table(trials.loc[trials.solved, keys + path_columns], out / "solutions.parquet", "solutions")
+        clouds = sample_clouds(config.experiment, environment, scenes, learned, problems, config.cloud)
+        write_arrays(clouds, out / "samples.npz", "samples")
+        write_json(hardware(), out / "hardware.json", "hardware")
+        write_json(benchmark_metrics(trials), out / "metrics.json")
+        settings = OmegaConf.to_container(cfg, resolve=True)
+        record_trials(trials, problems, scenes, environment, settings, scale.recordings, out / "recordings")
+
+
+if __name__ == "__main__":
+    main()
