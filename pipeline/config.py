@@ -31,7 +31,7 @@ def load(config: DictConfig | Mapping[str, Any], schema: type[T]) -> T:
         plain = OmegaConf.to_container(config, resolve=True) if isinstance(config, DictConfig) else dict(config)
     except OmegaConfBaseException as error:
         raise ConfigError(f"the configuration cannot be resolved: {error}") from error
-    return convert(plain, schema)  # type: ignore[no-any-return]
+    return convert(plain, schema)
 
 
 def compose(stage: str, overrides: list[str] | None = None) -> DictConfig:

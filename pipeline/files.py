@@ -80,7 +80,8 @@ def read_table(path: Path, schema: str) -> pd.DataFrame:
 def write_arrays(arrays: Mapping[str, np.ndarray], path: Path, schema: str) -> None:
     """Write named arrays as one compressed npz with its schema name and version inside."""
     with atomic_file(path) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(stream, schema=np.array(schema), version=np.array(VERSION), **arrays)
+        content: dict[str, Any] = {"schema": np.array(schema), "version": np.array(VERSION), **arrays}
+        np.savez_compressed(stream, **content)
 
 
 def read_arrays(path: Path, schema: str) -> dict[str, np.ndarray]:

@@ -79,7 +79,7 @@ def _dataclass(value: Any, kind: Any, where: str) -> Any:
     for key in value:
         if key not in known:
             close = difflib.get_close_matches(str(key), known, 1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
+            hint = f"; did you mean {close[0]!r}?" if close else "."
             raise ConfigError(f"unknown key {str(key)!r} in {name}{hint} Valid keys: {_names(kind)}")
     hints = get_type_hints(kind)
     found = {key: convert(item, hints[key], f"{where}.{key}".strip(".")) for key, item in value.items()}

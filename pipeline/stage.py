@@ -27,7 +27,8 @@ def guarded(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], None]:
             main(config)
         except PipelineError as error:
             logging.getLogger(__name__).debug("where it happened", exc_info=True)
-            print(f"{type(error).__name__}: {error}", file=sys.stderr)
+            sentence = " ".join(str(error).split())  # some of OmegaConf's and pyarrow's are several lines
+            print(f"{type(error).__name__}: {sentence}", file=sys.stderr)
             sys.exit(1)
 
     return run

@@ -8,7 +8,9 @@ import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.config import load
-from pipeline.environments import BANDS, BLOCKS, ENVIRONMENTS, Split, pick, read_problems, read_scenes, shards
+from pipeline.environments import BANDS, BLOCKS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
+from pipeline.environments.oracle import shards
+from pipeline.errors import ConfigError
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, benchmark_metrics, run_trials, sample_clouds
 from pipeline.files import atomic_folder, code_digest, digest, read_arrays, write_arrays, write_json, write_table
@@ -16,7 +18,7 @@ from pipeline.learning import CompnetxNetwork, load_model
 from pipeline.parallel import run_shards, single_threaded
 from pipeline.profile import Profile
 from pipeline.recording.trials import record_trials
-from pipeline.samplers import Learned
+from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
 from pipeline.stage import SCRATCH, folder, guarded
 
@@ -29,6 +31,10 @@ class Config:
     cloud: int
     shard: int
     workers: int
+
+    def __post_init__(self) -> None:
+        if self.cloud < 1:
+            raise ConfigError(f"cloud is {self.cloud}; it must be at least 1")
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="benchmark")

@@ -8,7 +8,8 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS, Oracle, Split, demonstrate, read_problems, read_scenes, shards
+from pipeline.environments import ENVIRONMENTS, Split, read_problems, read_scenes
+from pipeline.environments.oracle import Oracle, demonstrate, shards
 from pipeline.files import atomic_folder, code_digest, digest, write_json, write_table
 from pipeline.parallel import run_shards
 from pipeline.profile import Profile

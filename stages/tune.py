@@ -14,7 +14,7 @@ from pipeline.files import read_arrays
 from pipeline.learning import CompnetxNetwork
 from pipeline.learning.recipe import Recipe, train_recipe
 from pipeline.parallel import single_threaded
-from pipeline.samplers import Learned
+from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
 from pipeline.stage import ARTIFACTS, SCRATCH, folder, guarded
 from pipeline.sweep import keep_row

@@ -8,6 +8,7 @@ from omegaconf import DictConfig
 
 from pipeline.config import load
 from pipeline.environments import read_scenes
+from pipeline.errors import ConfigError
 from pipeline.files import atomic_folder, write_arrays
 from pipeline.perception import VoxelParameters, scene_voxels
 from pipeline.profile import Profile
@@ -19,6 +20,10 @@ from pipeline.stage import folder, guarded
 class Perception:
     seed: int
     voxels: VoxelParameters
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"perception.seed is {self.seed}; it must be at least 0")
 
 
 @dataclass(frozen=True)

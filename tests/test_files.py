@@ -173,7 +173,7 @@ def test_failed_write_leaves_no_trace(older, tmp_path):
         path.write_text(older)
     attempts = (
         lambda: write_json({"fine": 1, "not JSON": {1, 2}}, path),
-        lambda: write_arrays({"schema": np.arange(3)}, path, "taken"),
+        lambda: write_arrays({"fine": np.arange(3), "no array": (i for i in range(3))}, path, "s"),
         lambda: write_table(pd.DataFrame({"x": [1, "mixed"]}), path, "s"),
         lambda: interrupted(path),
     )

@@ -18,9 +18,9 @@ class Compiled:
         self.arguments = tuple(_array(self.function.size_in(i)) for i in range(count_in))
         self.results = tuple(_array(self.function.size_out(i)) for i in range(count_out))
         for i, array in enumerate(self.arguments):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, memoryview(array))  # type: ignore[call-arg, arg-type]  # casadi's stub is of C++
         for i, array in enumerate(self.results):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, memoryview(array))  # type: ignore[call-arg, arg-type]
 
     def __call__(self, *values: np.ndarray | float) -> tuple[np.ndarray, ...]:
         """Evaluate at `values` and return the result arrays (overwritten by the next call)."""

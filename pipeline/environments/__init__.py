@@ -1,4 +1,4 @@
-"""Scene and problem generators, one module per environment of the papers."""
+"""Scene and problem generators, one module per environment of the papers; demonstrations in `oracle`."""
 
 from pipeline.environments.base import (
     Environment,
@@ -13,7 +13,6 @@ from pipeline.environments.base import (
     write_problems,
     write_scenes,
 )
-from pipeline.environments.oracle import Oracle, demonstrate, shards
 from pipeline.environments.sphere import BANDS, BLOCKS, Band, SphereEnvironment, fibonacci_sphere
 
 ENVIRONMENTS = {"sphere": SphereEnvironment}
@@ -24,17 +23,14 @@ __all__ = [
     "ENVIRONMENTS",
     "Band",
     "Environment",
-    "Oracle",
     "Scene",
     "SphereEnvironment",
     "Split",
-    "demonstrate",
     "fibonacci_sphere",
     "flatten",
     "pick",
     "read_problems",
     "read_scenes",
-    "shards",
     "unflatten",
     "validity",
     "write_problems",

@@ -60,7 +60,8 @@ def demonstrate(
     space = make_adherence(oracle.adherence, environment.constraint(), validity(environment, scene, robot))
     planner: Planner = oracle.planner.make(PLANNERS, "oracle.planner")
     rows: list[dict[str, Any]] = []
-    for problem in problems.itertuples():
+    tuples: Any = problems.itertuples()  # pandas types its fields as any scalar
+    for problem in tuples:
         head = {name: getattr(problem, name) for name in ("scenario", "scene", "split", "problem")}
         stream = np.random.SeedSequence([oracle.seed, int(problem.problem), *scene.name.encode()])
         seed = int(stream.generate_state(1)[0])

@@ -4,9 +4,9 @@ Scenario 1, "blocks": cubes centred on the sphere and aligned to its tangent pla
 (AtlasSphere, GenerateBrickConfig.cpp): phi = acos(0.75 U[-1, 1]), theta = pi U[-1, 1]. Scenario 2, "bands": the three
 slabs with one gap each of OMPL's sphere demo, never trained on.
 
-Where this departs from the original: starts and goals are uniform on the sphere (the original normalises uniform points of a
-cube, which favours its corners), and start and goal of a problem lie in one connected piece of the free space, found by
-flood fill: pairs that no path joins measure nothing.
+Where this departs from the original: starts and goals are uniform on the sphere (the original normalises uniform
+points of a cube, which favours its corners), and start and goal of a problem lie in one connected piece of the free
+space, found by flood fill: pairs that no path joins measure nothing.
 """
 
 from dataclasses import dataclass, field
@@ -90,7 +90,8 @@ class SphereEnvironment:
     frame: str = "point"
 
     def __post_init__(self) -> None:
-        for name in ("radius", "robot_radius", "reach", "tolerance", "block_size", "latitude", "grid"):
+        positive = ("radius", "robot_radius", "reach", "tolerance", "max_iterations", "block_size", "latitude", "grid")
+        for name in positive:
             if not 0 < getattr(self, name) < np.inf:
                 raise ConfigError(f"environment.{name} is {getattr(self, name)}; it must be finite and above 0")
         for name in ("seed", "blocks", "margin", "slack"):
@@ -178,14 +179,22 @@ class _FreeSpace:
         free = np.array([self.validity.collision_free(q) for q in grid])
         if not free.any():
             raise ProblemError(f"scene {scene.name!r} has no free space at a margin of {margin} m")
-        self.tree = cKDTree(grid[free])
         # Grid points are sqrt(4 pi / N) apart; neighbours in all directions are within 1.8 times that.
-        pairs = self.tree.query_pairs(
-            1.8 * environment.radius * np.sqrt(4 * np.pi / environment.grid), output_type="ndarray"
-        )
-        size = int(free.sum())
-        links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-        _, self.pieces = connected_components(links, directed=False)
+        reach = 1.8 * environment.radius * np.sqrt(4 * np.pi / environment.grid)
+        pairs = cKDTree(grid).query_pairs(reach, output_type="ndarray")
+        ends = free[pairs]
+        border = np.zeros(len(grid), bool)
+        border[pairs[ends.any(axis=1) & ~ends.all(axis=1)]] = True
+        links = pairs[ends.all(axis=1)]
+        # Along an obstacle a link may cut a corner: it counts only where its middle is free too.
+        along = border[links].all(axis=1)
+        middles = grid[links[along]].mean(axis=1)
+        sound = np.ones(len(links), bool)
+        sound[along] = [self.validity.collision_free(q) for q in middles]
+        links = links[sound]
+        graph = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(len(grid),) * 2)
+        _, pieces = connected_components(graph, directed=False)
+        self.tree, self.pieces = cKDTree(grid[free]), pieces[free]
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Return a free point, uniform on the sphere (3,)."""

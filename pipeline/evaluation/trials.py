@@ -12,7 +12,8 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
-from pipeline.samplers import Learned, Sampler, make_sampler
+from pipeline.samplers import Sampler
+from pipeline.samplers.choices import Learned, make_sampler
 from pipeline.schema import Choice
 
 
@@ -90,7 +91,8 @@ def _trials(
     problems: pd.DataFrame,
 ) -> Iterator[dict[str, Any]]:
     termination = Termination(time_limit=experiment.time_limit)
-    for problem in problems.itertuples():
+    tuples: Any = problems.itertuples()  # pandas types its fields as any scalar
+    for problem in tuples:
         start, goal = np.array(problem.start), np.array(problem.goal)
         stream = np.random.SeedSequence([experiment.seed, int(problem.problem), *scene.name.encode()])
         seed = int(stream.generate_state(1)[0])
@@ -127,7 +129,7 @@ def benchmark_metrics(trials: pd.DataFrame) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for (scenario, method, adherence), rows in trials.groupby(["scenario", "method", "adherence"], sort=False):
         solved = rows[rows.solved]
-        found.setdefault(scenario, {}).setdefault(method, {})[adherence] = {
+        found.setdefault(str(scenario), {}).setdefault(str(method), {})[str(adherence)] = {
             "n": len(rows),
             "success": float(rows.solved.mean()),
             "median_time_ms": float(1e3 * rows.planning_time.median()),

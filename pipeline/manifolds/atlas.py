@@ -147,7 +147,7 @@ class Atlas:
         if not self.parameters.separate:
             return np.zeros(len(U), bool)
         self._update_walls(chart)
-        return (U @ chart.walls.T > chart.limits).any(axis=1)
+        return np.asarray((U @ chart.walls.T > chart.limits).any(axis=1))
 
     def _update_walls(self, chart: Chart) -> None:
         """Add the half-spaces of charts made since the last look: halfway to each neighbour within 2 rho and alpha.

@@ -27,7 +27,7 @@ class ContinuationAdherence(Adherence):
         self._charts: dict[bytes, Chart] = {}  # of states that walks began or ended at
         self._edge = compiled(f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions())
         origin, tangent, normal, u = self._chart_symbols()
-        q, y, violation = self._exponential(
+        q, _, violation = self._exponential(
             origin + tangent @ u, normal, ca.SX.zeros(constraint.k), 3 * parameters.newton_steps
         )
         self._psi = compiled("psi", [origin, tangent, normal, u], [q, violation])
@@ -43,7 +43,7 @@ class ContinuationAdherence(Adherence):
         self._chart_at(q)
 
     def exponential(self, chart: Chart, u: np.ndarray) -> np.ndarray | None:
-        """Return psi(u): the manifold's point orthogonally above u (d,) (eq. 3); None where Newton does not converge."""
+        """Return psi(u), the manifold's point orthogonally above u (d,) (eq. 3); None without convergence."""
         self.counters.projections += 1
         q, violation = self._psi(chart.origin, chart.tangent.T, chart.normal.T, u)
         return q.copy() if violation[0] < self.constraint.tolerance**2 else None
@@ -106,7 +106,7 @@ class ContinuationAdherence(Adherence):
                 chart, u = following, following.log(q)
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Sample charts uniformly and their tangent balls beyond rho (IMACS), lift, and grow the atlas over the samples.
+        """Sample charts and their tangent balls beyond rho (IMACS), lift, and grow the atlas over some of the samples.
 
         Raises no error when the atlas cannot be sampled: fewer rows come back.
         """
@@ -120,8 +120,8 @@ class ContinuationAdherence(Adherence):
             ]
             directions = rng.normal(size=(len(charts), d))
             lengths = radius * rng.random(len(charts)) ** (1.0 / d)
-            for chart, direction, length in zip(charts, directions, lengths.tolist(), strict=True):
-                u = direction * (length / np.linalg.norm(direction))
+            for chart, direction, reach in zip(charts, directions, lengths.tolist(), strict=True):
+                u = direction * (reach / np.linalg.norm(direction))
                 q = self.exponential(chart, u)
                 if q is not None and (q >= self.lower).all() and (q <= self.upper).all():
                     found.append(q)

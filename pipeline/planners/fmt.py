@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.errors import ConfigError
 from pipeline.manifolds import Adherence
+from pipeline.manifolds.base import length
 from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
 from pipeline.samplers.base import Sampler
 
@@ -22,7 +23,9 @@ class FmtStar(Planner):
 
     Attributes:
         samples: N_init, size of the first batch with start and goal (1000: OMPL's default, used by the authors).
-        radius_multiplier: eta of the number of neighbours (1.1: OMPL's default).
+        radius_multiplier: eta of the number of neighbours (1.1: OMPL's default; asymptotic optimality needs 1).
+        heuristic: order the front by cost so far plus the straight line to the goal, as A* does; OMPL has the same
+            option, off by default.
         from_start: share of the first K learned samples that continue from the start; the others continue from
             random free configurations. Section V-E names both, section VII-A the second.
         arrive: a chain of learned samples within this of the goal begins again at a random free configuration
@@ -31,6 +34,7 @@ class FmtStar(Planner):
 
     samples: int = 1000
     radius_multiplier: float = 1.1
+    heuristic: bool = True
     from_start: float = 0.5
     arrive: float = 0.1
 
@@ -50,7 +54,7 @@ class FmtStar(Planner):
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
         batch = self.first_batch(problem, sampler, clock)
-        wave = _Wave(problem.adherence, batch, self.radius_multiplier)
+        wave = _Wave(problem.adherence, batch, self.radius_multiplier, self.heuristic)
         while True:
             status = clock.tick()
             if status is not None:
@@ -109,9 +113,10 @@ class FmtStar(Planner):
 class _Wave:
     """The sets of FMT*: unvisited, open (the front) and closed samples, with their tree."""
 
-    def __init__(self, space: Adherence, batch: np.ndarray, radius_multiplier: float) -> None:
+    def __init__(self, space: Adherence, batch: np.ndarray, radius_multiplier: float, heuristic: bool) -> None:
         self.space = space
         self.count = len(batch)
+        self.heuristic = heuristic
         self.q = batch
         d = space.constraint.manifold_dimension
         # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, in the dimension of the manifold.
@@ -199,7 +204,8 @@ class _Wave:
 
     def _open(self, x: int) -> None:
         self.state[x] = _OPEN
-        heapq.heappush(self.front, (float(self.cost[x]), x))
+        ahead = length(self.q[x] - self.q[_GOAL]) if self.heuristic else 0.0
+        heapq.heappush(self.front, (float(self.cost[x]) + ahead, x))
 
     def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
         x = self.count

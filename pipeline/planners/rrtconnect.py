@@ -56,7 +56,7 @@ class RrtConnect(Planner):
     def _grow(
         self, space: Adherence, tree: Tree, target: np.ndarray, max_states: int | None
     ) -> tuple[int | None, np.ndarray, bool]:
-        """Walk from the nearest node towards `target`; return the new node, where it is, and whether it is the target."""
+        """Walk from the nearest node towards `target`; return the new node, where that is, and if it is the target."""
         space.counters.nearest_queries += 1
         nearest = tree.nearest(target)
         walk = space.traverse(tree[nearest], target, max_states)

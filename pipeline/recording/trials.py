@@ -41,10 +41,11 @@ def record_trials(
 ) -> list[Path]:
     """Write the first `count` solved trials of every scenario, method and adherence, and a layout to open them with."""
     robot = environment.robot()
-    starts = problems.set_index(["scene", "problem"])
+    starts: Any = problems.set_index(["scene", "problem"])
     written = []
     for keys, rows in trials[trials.solved].groupby(["scenario", "method", "adherence"], sort=False):
-        for row in rows.head(count).itertuples():
+        tuples: Any = rows.head(count).itertuples()  # pandas types its fields as any scalar
+        for row in tuples:
             problem = starts.loc[(row.scene, row.problem)]
             path = unflatten(pd.Series({"path": row.path, "waypoints": row.waypoints, "dimension": row.dimension}))
             recording = Recording(

@@ -71,19 +71,16 @@ class View:
         return View(-self.direction, -self.right, self.up)
 
 
-def views(globes: Sequence[Globe], both_sides: bool = False) -> list[list[View]]:
-    """Return the cameras of each globe: one along the mean direction of its paths, a second one where part is hidden.
+def views(globe: Globe, both_sides: bool = False) -> list[View]:
+    """Return the cameras for a globe: along the mean direction of its paths, and from behind where that hides a part.
 
     Args:
-        globes: side by side; they get equally many views.
+        globe: what must be seen.
         both_sides: show the far side even where nothing but background is there.
     """
-    first = [look_at(globe.markers()) for globe in globes]
-    hidden = [
-        (view.project(globe.markers())[:, 2] < HORIZON * globe.radius).any()
-        for view, globe in zip(first, globes, strict=True)
-    ]
-    return [[view, view.opposite()] if both_sides or any(hidden) else [view] for view in first]
+    near = look_at(globe.markers())
+    hidden = (near.project(globe.markers())[:, 2] < HORIZON * globe.radius).any()
+    return [near, near.opposite()] if both_sides or hidden else [near]
 
 
 def look_at(points: np.ndarray) -> View:

@@ -36,9 +36,7 @@ def sphere_page(
     scenarios = ordered(trials["scenario"], "scenario")
     verdicts = verdict.verdict_table(trials, paper)
     results = tables.results_table(trials, paper)
-    machine = (
-        f"Times were measured on {escape(provenance.machine)}; the paper does not name its machine for the sphere."
-    )
+    machine = f"Times were measured on {escape(provenance.machine)}; the paper names no machine."
 
     def shown(*names: str) -> list[Illustration]:
         return [illustrations[name] for name in names if name in illustrations]
@@ -107,7 +105,7 @@ def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.Data
     open_ones = len(summary) - met - missed
     sentence = f"Of {len(summary)} expectations (three per scenario) {met} are met and {missed} are not"
     sentence += f"; {open_ones} could not be compared." if open_ones else "."
-    return [sentence, summary, escape(verdict.VERDICT_NOTE)]
+    return [sentence, summary, escape(verdict.SUMMARY_NOTE)]
 
 
 def _runs(trials: pd.DataFrame) -> pd.DataFrame:

@@ -45,7 +45,8 @@ class Stills:
 
     def __init__(self, plain: bool | None = None, renderer: Sequence[str] | None = None) -> None:
         self.plain = os.environ.get(PLAIN, "") not in ("", "0") if plain is None else plain
-        self._renderer = renderer or (sys.executable, str(Path(__file__).with_name("stills_vtk.py")))
+        # -P keeps this folder off the script's path: its modules would pass for others (markdown).
+        self._renderer = renderer or (sys.executable, "-P", str(Path(__file__).with_name("stills_vtk.py")))
 
     def paths(self, globes: Sequence[Globe], file: Path, title: str = "") -> str:
         """Draw globes side by side with their paths (the paper's Figs. 1 and 7) and return how: 'VTK' or 'matplotlib'.
@@ -57,7 +58,7 @@ class Stills:
             file: the PNG to write.
             title: over the picture.
         """
-        return self._draw(globes, views(globes), file, title)
+        return self._draw(globes, [views(globe) for globe in globes], file, title)
 
     def samples(
         self, globe: Globe, clouds: Mapping[str, np.ndarray], file: Path, title: str = "", colors: Sequence[str] = ()
@@ -80,35 +81,38 @@ class Stills:
             lengths = np.linalg.norm(lifted, axis=1, keepdims=True)
             lifted = globe.radius * lifted / np.where(lengths > 0, lengths, 1)
             inside = int(covered(lifted, globe.obstacles).sum())
-            label = f"{name}: n = {len(lifted)}, {inside} inside obstacles"
+            label = f"{name}\nn = {len(lifted)}, {inside} inside obstacles"
             columns.append(
                 Globe(globe.obstacles, globe.start, globe.goal, globe.paths, lifted, shade, label, globe.radius)
             )
-        return self._draw(columns, views(columns, both_sides=True), file, title)
+        return self._draw(columns, [views(column, both_sides=True) for column in columns], file, title)
 
     def _draw(self, globes: Sequence[Globe], cameras: list[list[View]], file: Path, title: str) -> str:
         if not globes:
             raise ProblemError("a still needs at least one globe, got none")
         images = None if self.plain else self._render(globes, cameras)
-        sides, single = len(cameras[0]), len(globes) == 1
-        shape = (1, sides) if single else (sides, len(globes))
+        rows, single = max(map(len, cameras)), len(globes) == 1
+        shape = (1, rows) if single else (rows, len(globes))
         width = max(_PANEL * shape[1], 5.2)
         with style():
             figure = new_figure(width, _PANEL * shape[0] + 1.1)
             figure.suptitle("\n".join(filter(None, (title, globes[0].title if single else ""))), fontsize=10)
             grid = figure.subplots(*shape, squeeze=False)
+            rendered = iter([] if images is None else images)
+            for axes in grid.flat:
+                axes.set_axis_off()
             for column, (globe, looks) in enumerate(zip(globes, cameras, strict=True)):
+                if not single:
+                    grid[0, column].set_title(globe.title, fontsize=9)
                 for row, view in enumerate(looks):
                     axes = grid[0, row] if single else grid[row, column]
                     if images is None:
                         stills_plain.draw(axes, globe, view, LOOK, HALF)
                     else:
                         reach = HALF * globe.radius
-                        axes.imshow(images[column * sides + row], extent=(-reach, reach, -reach, reach))
+                        axes.imshow(next(rendered), extent=(-reach, reach, -reach, reach))
                     _name_ends(axes, globe, view)
-                    if row == 0 and not single:
-                        axes.set_title(globe.title, fontsize=9)
-                    if sides > 1:
+                    if len(looks) > 1:
                         side = "near side" if row == 0 else "far side"
                         axes.text(0.02, 0.98, side, transform=axes.transAxes, va="top", fontsize=8)
             figure.legend(handles=_legend(globes), loc="outside lower center", ncols=6 if width > 6.5 else 3)
@@ -131,9 +135,11 @@ class Stills:
                 try:
                     with np.load(images, allow_pickle=False) as stored:
                         found = stored["images"]
-                    if found.std(axis=(1, 2, 3)).min() > 1:  # a broken driver gives panels of one colour
+                    # A broken driver gives panels of one colour.
+                    blank = found.ndim != 4 or found.std(axis=(1, 2, 3)).min() < 1
+                    if len(found) == sum(map(len, cameras)) and not blank:
                         return found
-                    reason = "it returned blank images"
+                    reason = "it returned blank images or too few"
                 except (OSError, KeyError, ValueError) as error:
                     reason = f"it returned no images ({error})"
         self.plain = True
@@ -182,7 +188,6 @@ def _relief(obstacles: Sequence[Obstacle], radius: float) -> np.ndarray:
 
 def _name_ends(axes: Axes, globe: Globe, view: View) -> None:
     """Write 'start' and 'goal' beside the balls of a panel."""
-    axes.set_axis_off()
     axes.set_aspect("equal")
     for name, point in (("start", globe.start), ("goal", globe.goal)):
         x, y, depth = view.project(np.asarray(point, float))

@@ -26,7 +26,8 @@ EFFORT = (
 
 RESULTS_NOTE = (
     "'Solved only' leaves out the trials that found no valid path; 'all trials' counts those at the time that had "
-    "passed when they stopped. The counts are medians over all trials."
+    "passed when they stopped. The counts are medians over all trials. Intervals take the problems as independent, "
+    "though those of one scene share its obstacles."
 )
 PAIRED_NOTE = (
     "Both solved: the problems that both methods solved; the ratio and the difference are over these only. "

@@ -17,11 +17,14 @@ SHORTER = "CoMPNetX-FMT*'s paths shorter than RRTConnect's"
 YES, NO, NO_DATA, NO_NUMBER = "yes", "no", "not measured", "paper gives no number"
 COLUMNS = ("scenario", "expectation", "method", "adherence", "met", "ours", "paper", "remark")
 
-VERDICT_NOTE = (
-    "Decided by the measured value alone; the remark says where the 95 % interval would allow the other answer. "
+_HOW = (
     "Success: the fraction of trials with a verified path. Speed: the ratio of median times on the problems that both "
     "solved (the paper's is a ratio of mean times). Length: the difference of median lengths on the problems that both "
     "solved."
+)
+SUMMARY_NOTE = f"An expectation is met when every method and adherence that can be compared meets it. {_HOW}"
+VERDICT_NOTE = (
+    f"Decided by the measured value alone; the remark says where the 95 % interval would allow the other answer. {_HOW}"
 )
 
 

@@ -82,7 +82,8 @@ def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -
 
     Args:
         radius: of the ball [m]; a point mass needs a positive radius for collision checking.
-        lower, upper: limits of x, y, z [m].
+        lower: limits of x, y, z [m].
+        upper: likewise.
     """
     if not radius > 0:
         raise RobotError(f"radius is {radius} m; a point robot needs a radius above 0 m")

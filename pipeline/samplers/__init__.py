@@ -1,58 +1,6 @@
-"""Samplers: one protocol, any planner."""
+"""Samplers: one protocol, any planner. Learned ones are in `compnetx`, all by name in `choices`."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-
-from pipeline.errors import ConfigError
-from pipeline.learning import CompnetxNetwork
 from pipeline.samplers.base import Sampler
-from pipeline.samplers.compnetx import CompnetxSampler
 from pipeline.samplers.uniform import UniformSampler
-from pipeline.schema import Choice
 
-
-@dataclass(frozen=True)
-class UniformParameters:
-    """See `UniformSampler`."""
-
-    batch: int = 64
-    block: int = 32
-
-
-@dataclass(frozen=True)
-class CompnetxParameters:
-    """See `CompnetxSampler`."""
-
-    batch: int = 20
-    n_ismp: int = 500
-
-
-_PARAMETERS: dict[str, Any] = {"uniform": UniformParameters, "compnetx": CompnetxParameters}
-
-
-@dataclass(frozen=True)
-class Learned:
-    """What learned samplers need: the network and the voxel grids of the scenes."""
-
-    network: CompnetxNetwork
-    voxels: Mapping[str, np.ndarray]
-
-
-def make_sampler(choice: Choice, learned: Learned | None = None) -> Sampler:
-    """Return the sampler of a choice.
-
-    Raises:
-        ConfigError: an unknown kind, parameters that do not fit it, or a learned sampler without a network.
-    """
-    parameters = choice.make(_PARAMETERS, "sampler")
-    if choice.kind == "uniform":
-        return UniformSampler(parameters.batch, parameters.block)
-    if learned is None:
-        raise ConfigError(f"sampler {choice.kind!r} needs a trained network: run the train stage")
-    return CompnetxSampler(learned.network, learned.voxels, parameters.batch, parameters.n_ismp)
-
-
-__all__ = ["CompnetxSampler", "Learned", "Sampler", "UniformSampler", "make_sampler"]
+__all__ = ["Sampler", "UniformSampler"]

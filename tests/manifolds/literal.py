@@ -197,7 +197,7 @@ def continuation_walk(
             return states, stop
         chord, leaves = following, False
         if lazy:
-            # Line 16: the distance of phi(u) to the manifold, to first order ||F||, against epsilon; and rho of eq. (5).
+            # Line 16: the distance of phi(u) to the manifold, to first order ||F||; and rho of eq. (5).
             leaves = norm(world.value(following)) > P.epsilon or norm(u) > P.rho
             if leaves:
                 following = atlas.psi(chart, u, 3 * P.newton_steps)

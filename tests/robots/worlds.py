@@ -55,12 +55,18 @@ def random_obstacles(rng: np.random.Generator, count: int, size: tuple[float, fl
     return found
 
 
-def block(direction: Sequence[float], size: Sequence[float], radius: float = 1.0) -> Obstacle:
-    """A box of extents `size` in the frame whose z axis is `direction`, centred at `radius` along it."""
-    z = np.asarray(direction, float) / np.linalg.norm(direction)
+def plate(centre: Sequence[float], normal: Sequence[float], size: Sequence[float]) -> Obstacle:
+    """A box of extents `size` around `centre` whose z axis is along `normal`."""
+    z = np.asarray(normal, float) / np.linalg.norm(normal)
     # The shortest turn of (0, 0, 1) to z; any turn serves where they are opposite.
     quaternion = (-z[1], z[0], 0.0, 1 + z[2]) if z[2] > -1 + 1e-9 else (1.0, 0.0, 0.0, 0.0)
-    return Obstacle(Shape.BOX, tuple(radius * z), tuple(float(v) for v in quaternion), tuple(size))
+    position, quaternion = (tuple(float(v) for v in values) for values in (centre, quaternion))
+    return Obstacle(Shape.BOX, position, quaternion, tuple(size))
+
+
+def block(point: Sequence[float], size: Sequence[float]) -> Obstacle:
+    """A box of extents `size` around `point`, its z axis away from the origin."""
+    return plate(point, point, size)
 
 
 def fibonacci(count: int) -> np.ndarray:

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pandas as pd
-import pytest
+from scipy.spatial.transform import Rotation
 
-from pipeline.reporting.frames import TRIAL_COLUMNS
+from pipeline.reporting.frames import PATH_COLUMNS, TRIAL_COLUMNS
 from pipeline.robots import Obstacle, Shape
 
 TIMES = {"CoMPNetX-FMT*": 0.6, "FMT*": 1.2, "CoMPNetX-RRTConnect": 0.016, "RRTConnect": 0.012}
@@ -49,8 +49,6 @@ def make_trials(
 
 def block_scene(count: int = 500) -> list[Obstacle]:
     """Cubes of side 0.1 m on the unit sphere, aligned to the tangent plane."""
-    from scipy.spatial.transform import Rotation
-
     rng = np.random.default_rng(3)
     phi, theta = np.arccos(0.75 * rng.uniform(-1, 1, count)), np.pi * rng.uniform(-1, 1, count)
     made = []
@@ -86,7 +84,30 @@ def arc(start: np.ndarray, goal: np.ndarray, bend: float = 0.0, count: int = 40)
     return raw / np.linalg.norm(raw, axis=1, keepdims=True)
 
 
-@pytest.fixture
-def trials() -> pd.DataFrame:
-    """Plausible trials of both scenarios."""
-    return make_trials()
+def make_paths(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, np.ndarray]]:
+    """Paths of the solved trials from one start to one goal per problem, and samples of the first of each scenario."""
+    rng = np.random.default_rng(5)
+    ends: dict[tuple, np.ndarray] = {}
+    rows, samples = [], {}
+    bends = {"CoMPNetX-FMT*": 0.05, "FMT*": -0.1}
+    for trial in trials[trials["solved"]].itertuples():
+        key = (trial.scenario, trial.scene, trial.problem)
+        if key not in ends:
+            q = rng.normal(size=(2, 3))
+            ends[key] = q / np.linalg.norm(q, axis=1, keepdims=True)
+            if f"{trial.scenario}/start" not in samples:
+                start, goal = ends[key]
+                near = arc(start, goal)[rng.integers(0, 40, 200)] + rng.normal(0, 0.1, (200, 3))
+                samples |= {
+                    f"{trial.scenario}/start": start, f"{trial.scenario}/goal": goal,
+                    f"{trial.scenario}/FMT*": unit(rng.normal(size=(200, 3))),
+                    f"{trial.scenario}/CoMPNetX-FMT*": unit(near),
+                }  # fmt: skip
+        path = arc(*ends[key], bend=bends.get(trial.method, 0.5))
+        rows.append((*key, trial.method, trial.adherence, path.ravel().tolist(), len(path), 3))
+    return pd.DataFrame(rows, columns=list(PATH_COLUMNS)), samples
+
+
+def unit(points: np.ndarray) -> np.ndarray:
+    """Points (N, 3) pulled onto the unit sphere."""
+    return points / np.linalg.norm(points, axis=1, keepdims=True)

@@ -1,0 +1,238 @@
+"""Our planners against OMPL's from Python: same problems, constraint, validity checker and time limit, one process.
+
+Planned problem by problem, so that drift of the machine hits all alike. OMPL's spacing of states counts twice: it is
+the step of a walk and the resolution of its collision checks. So there are several, each with the problems it can
+afford, and every ratio is of medians over the same problems.
+"""
+
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.environments import Environment, Scene, validity
+from pipeline.errors import ConfigError
+from pipeline.evaluation.statistics import paired_interval, summary
+from pipeline.evaluation.verifier import VerifierParameters, verify
+from pipeline.manifolds import Adherence, AtlasAdherence, TangentBundleAdherence, make_adherence
+from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, RrtConnect, Termination
+from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
+from pipeline.samplers import Sampler
+from pipeline.samplers.choices import make_sampler
+from pipeline.schema import Choice
+
+log = logging.getLogger(__name__)
+OURS, ORDINARY, OVERRIDDEN = "ours", "OMPL", "OMPL, project overridden"
+SPACING = "OMPL's spacing [m]"
+PLANNING = (
+    "planner", SPACING, "adherence", "route", "n", "claimed [%]", "verified [%]", "time median [ms]", "time mean [ms]",
+    "time p95 [ms]", "ratio of medians", "ratio of p95s", "length median [m]",
+)  # fmt: skip
+PARITY = (
+    "planner", SPACING, "adherence", "route", "n", "verified: ours", "verified: OMPL", "only ours", "only OMPL",
+    "both", "length, both: ours [m]", "length, both: OMPL [m]", "ours - OMPL [m]", "95 % from", "95 % to",
+)  # fmt: skip
+_PEERS = {RrtConnect: ("RRTConnect", "RRTConnect"), FmtStar: ("FMT*", "FMT")}  # our class: label, OMPL's name
+_WARM_UP = 0.5  # [s] of a plan that is not counted; whatever is touched for the first time is touched by then
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """OMPL's delta [m] and how many of the problems are planned with it."""
+
+    delta: float
+    problems: int
+
+    def __post_init__(self) -> None:
+        if self.problems < 1:
+            raise ConfigError(f"spacing {self.delta}: problems is {self.problems}; it must be at least 1")
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What is compared, under which bounds.
+
+    Attributes:
+        planners, adherences, sampler: ours; OMPL takes what it also has from them.
+        spacings: OMPL's; the first problems of each are the same.
+        time_limit: of every plan [s].
+        seed: of all plans; each problem has its own, the same for all.
+        verifier: bounds of the check.
+    """
+
+    planners: dict[str, Choice]
+    adherences: dict[str, Choice]
+    sampler: Choice
+    spacings: tuple[Spacing, ...]
+    time_limit: float
+    seed: int
+    verifier: VerifierParameters
+
+    def __post_init__(self) -> None:
+        if not (self.planners and self.adherences and self.spacings):
+            raise ConfigError("a contest needs at least one planner, one adherence and one spacing")
+
+    @property
+    def problems(self) -> int:
+        """How many problems the contest needs."""
+        return max(spacing.problems for spacing in self.spacings)
+
+
+@dataclass(frozen=True)
+class _Entrant:
+    """One row of the table: a planner by one route; `search` with our sampler or OMPL's own."""
+
+    planner: str
+    adherence: str
+    route: str
+    delta: float
+    problems: int
+    search: Planner | OmplPlanner
+    sampler: Sampler
+
+    def plan(self, problem: Problem, time_limit: float, seed: int) -> PlanResult:
+        termination = Termination(time_limit=time_limit)
+        if isinstance(self.search, OmplPlanner):
+            return self.search.plan(problem, termination, seed)
+        return self.search.plan(problem, self.sampler, termination, seed)
+
+
+def contest_trials(
+    contest: Contest, environment: Environment, scenes: Mapping[str, Scene], problems: pd.DataFrame
+) -> pd.DataFrame:
+    """Plan the problems with all planners, adherences, routes and spacings; one row per plan, in this order.
+
+    Columns: problem (its place among the problems), planner, adherence, route, delta (NaN for ours), claimed,
+    verified, planning_time [s], path_length [m] (NaN when not verified).
+    """
+    robot, constraint, begin = environment.robot(), environment.constraint(), time.monotonic()
+    named = {name: scenes[name] for name in problems["scene"].unique()}
+    checkers = {name: validity(environment, scene, robot) for name, scene in named.items()}
+    exact = {name: validity(environment, scene, robot, margin=0.0) for name, scene in named.items()}
+    first = checkers[problems["scene"].iloc[0]]
+    spaces = {key: make_adherence(choice, constraint, first) for key, choice in contest.adherences.items()}
+    entrants = list(_entrants(contest, spaces))
+    rows: list[dict[str, Any]] = []
+    tuples: Any = problems.iloc[: contest.problems].itertuples()  # pandas types its fields as any scalar
+    for place, asked in enumerate(tuples):
+        start, goal = np.array(asked.start), np.array(asked.goal)
+        stream = np.random.SeedSequence([contest.seed, int(asked.problem), *asked.scene.encode()])
+        seed = int(stream.generate_state(1)[0])
+        for space in spaces.values():
+            space.reset(checkers[asked.scene])
+        for entrant in entrants:
+            if place >= entrant.problems:
+                continue
+            problem = Problem(spaces[entrant.adherence], start, goal, asked.scene)
+            if place == 0:
+                entrant.plan(problem, _WARM_UP, seed)
+            result = entrant.plan(problem, contest.time_limit, seed)
+            verdict = verify(result.path, start, goal, constraint, exact[asked.scene], contest.verifier)
+            rows.append({
+                "problem": place, "planner": entrant.planner, "adherence": entrant.adherence, "route": entrant.route,
+                "delta": entrant.delta, "claimed": result.solved, "verified": verdict.passed,
+                "planning_time": result.planning_time, "path_length": verdict.length if verdict.passed else np.nan,
+            })  # fmt: skip
+        log.info("planning: problem %d of %d after %.0f s", place + 1, contest.problems, time.monotonic() - begin)
+    return pd.DataFrame(rows)
+
+
+def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns PLANNING, by planner, OMPL's spacing, adherence and route.
+
+    Ours stands in every group, over the problems of that group. Times are of all trials, a failure counts with the
+    time it took; ratios are OMPL's over ours; lengths are of verified paths.
+    """
+    rows = []
+    for planner, delta, adherence, group in _groups(trials):
+        ours = summary(1e3 * group[group["route"] == OURS]["planning_time"])
+        for route, part in group.groupby("route", sort=False):
+            times = summary(1e3 * part["planning_time"])
+            ratios = (np.nan, np.nan) if route == OURS else (times.median / ours.median, times.p95 / ours.p95)
+            success = (100 * part["claimed"].mean(), 100 * part["verified"].mean())
+            length = summary(part["path_length"].dropna()).median
+            times_ms = (times.median, times.mean, times.p95)
+            rows.append((planner, delta, adherence, route, len(part), *success, *times_ms, *ratios, length))
+    return pd.DataFrame(rows, columns=list(PLANNING))
+
+
+def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns PARITY: success and length, ours against OMPL at its finest spacing, paired by problem.
+
+    Lengths are medians over the problems that both solved, with the bootstrap interval of their difference.
+    """
+    rows = []
+    for planner, delta, adherence, group in _groups(trials[~(trials["delta"] > trials["delta"].min())]):
+        ours = group[group["route"] == OURS].set_index("problem")
+        for route, part in group[group["route"] != OURS].groupby("route", sort=False):
+            theirs = part.set_index("problem").loc[ours.index]
+            x, y = ours["verified"].to_numpy(bool), theirs["verified"].to_numpy(bool)
+            counts = (len(x), x.sum(), y.sum(), (x & ~y).sum(), (~x & y).sum(), (x & y).sum())
+            lengths = [side["path_length"].to_numpy(float)[x & y] for side in (ours, theirs)]
+            medians = (summary(lengths[0]).median, summary(lengths[1]).median)
+            found = paired_interval(*lengths)
+            difference = (found.estimate, found.low, found.high)
+            rows.append((planner, delta, adherence, route, *map(int, counts), *medians, *difference))
+    return pd.DataFrame(rows, columns=list(PARITY))
+
+
+def goal_lines(table: pd.DataFrame, bounds: Mapping[str, float]) -> list[str]:
+    """Return one line per row of OMPL in a planning table: whether ours is as many times faster as was promised.
+
+    Args:
+        table: with the columns PLANNING.
+        bounds: least ratio of medians by planner; the ratio of the p95s must be at least 1.
+    """
+    lines = []
+    for row in table[table["route"] != OURS].to_dict("records"):
+        bound, median, p95 = bounds[row["planner"]], row["ratio of medians"], row["ratio of p95s"]
+        met = "met" if median >= bound and p95 >= 1 else "not met"
+        lines.append(
+            f"{row['planner']} at least {bound:g}x at the median, no worse at p95: {met} ({median:.3g}x, {p95:.3g}x) "
+            f"with {row['adherence'].replace('_', ' ')} against {row['route']} at {row[SPACING]:g} m, n = {row['n']}"
+        )
+    return lines
+
+
+def _groups(trials: pd.DataFrame) -> Iterator[tuple[str, float, str, pd.DataFrame]]:
+    """Yield planner, delta, adherence and their trials: OMPL's with this delta, and ours on the same problems."""
+    for planner, of_planner in trials.groupby("planner", sort=False):
+        for delta in of_planner["delta"].dropna().unique():
+            for adherence, group in of_planner.groupby("adherence", sort=False):
+                theirs = group["delta"] == delta
+                ours = (group["route"] == OURS) & group["problem"].isin(group[theirs]["problem"])
+                yield str(planner), float(delta), str(adherence), group[ours | theirs]
+
+
+def _entrants(contest: Contest, spaces: Mapping[str, Adherence]) -> Iterator[_Entrant]:
+    sampler = make_sampler(contest.sampler)
+    for key, choice in contest.planners.items():
+        planner = choice.make(PLANNERS, f"planners.{key}")
+        if type(planner) not in _PEERS:
+            raise ConfigError(f"planners.{key} is {choice.kind!r}; a peer in OMPL is known for rrtconnect, fmt")
+        label, name = _PEERS[type(planner)]
+        for adherence, space in spaces.items():
+            yield _Entrant(label, adherence, OURS, np.nan, contest.problems, planner, sampler)
+            for spacing in contest.spacings:
+                for route in (ORDINARY, OVERRIDDEN):
+                    charted = isinstance(space, AtlasAdherence | TangentBundleAdherence)
+                    if charted and route == OVERRIDDEN:
+                        continue  # charts have a Newton iteration of their own that cannot be replaced
+                    parameters = _parameters(space, planner, spacing.delta, route == OVERRIDDEN)
+                    kind = contest.adherences[adherence].kind
+                    search = OmplPlanner(name, kind, parameters)
+                    yield _Entrant(label, adherence, route, spacing.delta, spacing.problems, search, sampler)
+
+
+def _parameters(space: Adherence, planner: Planner, delta: float, override: bool) -> OmplParameters:
+    """What both have is ours, the charts' and the number of samples; the rest is OMPL's default, as users have it."""
+    shared: dict[str, Any] = {"delta": delta, "project_override": override, "leap": space.parameters.leap}
+    if isinstance(space, AtlasAdherence | TangentBundleAdherence):
+        shared |= {name: getattr(space.parameters, name) for name in ("epsilon", "rho", "alpha", "exploration")}
+    if isinstance(planner, FmtStar):
+        shared["num_samples"] = planner.samples
+    return OmplParameters(**shared)

@@ -1,0 +1,65 @@
+"""Write the pages a reader sees."""
+
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import hydra
+import pandas as pd
+from omegaconf import DictConfig
+
+from pipeline import reporting
+from pipeline.config import ROOT, load
+from pipeline.environments import read_scenes
+from pipeline.files import atomic_folder, read_arrays, read_json, read_table
+from pipeline.profile import Profile
+from pipeline.recording.layout import write_layout
+from pipeline.stage import folder, guarded
+
+
+@dataclass(frozen=True)
+class Config:
+    profile: Profile
+    environments: list[str]
+    output: Path
+    plain_stills: bool | None
+
+
+@hydra.main(version_base="1.3", config_path="../conf", config_name="report")
+@guarded
+def main(cfg: DictConfig) -> None:
+    config = load(cfg, Config)
+    with atomic_folder(config.output) as out:
+        (name,) = config.environments  # one page per environment; so far there is one
+        benchmark = folder(config.profile.name, "benchmark", name)
+        trials = read_table(benchmark / "trials.parquet", "trials")
+        solutions = read_table(benchmark / "solutions.parquet", "solutions")
+        samples = read_arrays(benchmark / "samples.npz", "samples")
+        curves = pd.read_csv(folder(config.profile.name, "train", name) / "curves.csv")
+        scenes = read_scenes(folder(config.profile.name, "scenes", name))
+        obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
+        provenance = reporting.Provenance(
+            _commit(),
+            config.profile.name,
+            {stage: f"make repro PROFILE={config.profile.name}" for stage in ("benchmark", "train", "report")},
+            read_json(benchmark / "hardware.json", "hardware"),
+        )
+        figures = out / name  # beside the page, which links to it by this name
+        stills = reporting.Stills(config.plain_stills)
+        pictures = {
+            **reporting.sphere_figures(trials, curves, figures),
+            **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
+        }
+        reporting.write(reporting.sphere_page(trials, pictures, provenance), out / f"{name}.md")
+        summary = reporting.sphere_summary(trials, pictures, provenance)
+        reporting.write(reporting.index("Reports", [(f"{name}.md", summary)], provenance), out / "README.md")
+        write_layout(out / "layout.json", 3)
+
+
+def _commit() -> str:
+    found = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True)
+    return found.stdout.strip() if found.returncode == 0 else "unknown"
+
+
+if __name__ == "__main__":
+    main()

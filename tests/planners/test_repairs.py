@@ -1,0 +1,111 @@
+"""A path that the finer walk fails is taken apart where it fails, and the search goes on to one that holds."""
+
+import numpy as np
+import pytest
+
+from pipeline.manifolds import Refined
+from pipeline.planners import PlanStatus, path_length
+from tests.manifolds.spaces import METHODS
+from tests.planners.scenes import PLANNERS, Scene, arcs, assert_sound, solve, space_of
+from tests.robots.worlds import ball_clearance, block, fibonacci, on_sphere
+
+# Steps of 0.4 have chords 0.02 below the sphere: they pass under plates that lie flat on it.
+LONG = {"step": 0.4, "resolution": 0.02, "wander": 3.0, "margin": 0.01}
+
+
+def plated(count: int = 70) -> Scene:
+    """Flat plates on the sphere, clear of a start and a goal."""
+    start, goal = np.array([0.6, 0.0, 0.8]), np.array([-0.6, 0.48, -0.64])
+    plates = [block(p, (0.16, 0.16, 0.004)) for p in fibonacci(count)]
+    return Scene(start, goal, tuple(o for o in plates if ball_clearance([o], np.stack([start, goal])).min() > 0.05))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_walks_that_pass_under_plates_are_repaired(planner, method):
+    """Where chords pass under plates that the way on the sphere hits, paths are repaired until they are free."""
+    s, repairs = plated(), 0
+    space = space_of(method, s, **LONG)
+    for seed in range(4):
+        result = solve(PLANNERS[planner], space, s, seed)
+        assert result.solved
+        assert_sound(result.path, s, leap=0.8)
+        repairs += result.counters.repairs
+    assert repairs > 0
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_without_repairs_the_paths_would_hit(planner, monkeypatch):
+    """The same search that trusts its walks returns paths that hit plates: the finer walk is what prevents it."""
+    s = plated()
+    space = space_of("projection", s, **LONG)
+    monkeypatch.setattr(space, "refine", lambda states: Refined(states, None))
+    hits = [ball_clearance(s.obstacles, arcs(solve(PLANNERS[planner], space, s, seed).path)).min() for seed in range(4)]
+    assert min(hits) < 0
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_coarse_checks_and_thin_plates(planner):
+    """With no margin and a resolution of a whole step, plates that walks step over are found halfway, and repaired.
+
+    Steps end up a little longer than the resolution, so that the finer walk checks their middle as well; a path may
+    still hit what lies between.
+    """
+    rng = np.random.default_rng(1)
+    start, goal = on_sphere(rng, 2)
+    walls = [block(p, (0.02, 0.3, 0.2)) for p in on_sphere(rng, 60)]
+    s = Scene(start, goal, tuple(o for o in walls if ball_clearance([o], np.stack([start, goal])).min() > 0.02))
+    repairs = halves = 0
+    for method in METHODS:
+        space = space_of(method, s, resolution=0.05, margin=0.0)
+        for seed in range(3):
+            result = solve(PLANNERS[planner], space, s, seed)
+            assert result.solved
+            assert ball_clearance(s.obstacles, result.path).min() >= 0
+            long = np.linalg.norm(np.diff(result.path, axis=0), axis=1) > 0.05
+            middle = (result.path[:-1] + result.path[1:])[long]
+            middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+            assert (
+                ball_clearance(s.obstacles, middle).min(initial=np.inf) >= -1e-3
+            )  # within the tolerance of the sphere
+            repairs, halves = repairs + result.counters.repairs, halves + long.sum()
+    assert repairs > 0 and halves > 0
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_every_failure_is_counted_and_none_comes_back(planner, monkeypatch):
+    """When the finer walk rejects its first three paths there are three repairs, and no rejected segment comes back."""
+    s = Scene(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), ())
+    space, rejected = space_of("projection", s), []
+    refine = space.refine
+
+    def rejecting(states):
+        found = refine(states)
+        assert found.invalid is None
+        if len(rejected) == 3:
+            return found
+        i = len(states) // 2
+        rejected.append(states[i : i + 2].copy())
+        return Refined(found.states, i)
+
+    monkeypatch.setattr(space, "refine", rejecting)
+    result = solve(PLANNERS[planner], space, s)
+    assert result.solved and result.counters.repairs == 3
+    assert_sound(result.path, s)
+    for segment in rejected:
+        pairs = np.stack([result.path[:-1], result.path[1:]], axis=1)
+        assert not (pairs == segment).all(axis=(1, 2)).any()
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_no_path_that_never_holds(planner, monkeypatch):
+    """When the finer walk rejects every path, wherever it fails, the search ends at its limit without one."""
+    s = Scene(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.6, 0.8]), ())
+    space, rng = space_of("projection", s), np.random.default_rng(0)
+    refine = space.refine
+    monkeypatch.setattr(
+        space, "refine", lambda states: Refined(refine(states).states, int(rng.integers(len(states) - 1)))
+    )
+    result = solve(PLANNERS[planner], space, s, max_iterations=700)
+    assert result.status is PlanStatus.ITERATION_LIMIT and path_length(result.path) == 0
+    assert result.counters.repairs > 3

@@ -1,0 +1,90 @@
+"""The door of the room: columns, order, pairs, paths."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import ArtifactError
+from pipeline.reporting.frames import (
+    PATH_COLUMNS,
+    TRIAL_COLUMNS,
+    both_solved,
+    check,
+    check_trials,
+    groups,
+    method_pairs,
+    ordered,
+    pair,
+    path_array,
+)
+from tests.reporting.synthetic import make_trials
+
+
+def test_missing_and_unknown_columns_are_named():
+    """A misspelt column is named twice: as missing and as unknown."""
+    with pytest.raises(ArtifactError, match=r"missing columns \['path_length'\], unknown columns \['pathlength'\]"):
+        check_trials(make_trials(2).rename(columns={"path_length": "pathlength"}))
+    with pytest.raises(ArtifactError, match=r"curves: missing columns \['loss'\]"):
+        check(pd.DataFrame({"epoch": [1]}), ["epoch", "loss"], "curves")
+
+
+@pytest.mark.parametrize(
+    "column, value, what", [("planning_time", 0.0, "not above 0"), ("path_length", np.nan, "no path")]
+)
+def test_trials_that_cannot_be_compared_are_refused(column, value, what):
+    """A solved trial without a time or a length is refused with its place."""
+    trials = make_trials(3)
+    row = trials.index[trials["solved"]][0]
+    trials.loc[row, column] = value
+    with pytest.raises(ArtifactError, match=f"{what}.* in 1 of {len(trials)} rows.*problem {trials.problem[row]}"):
+        check_trials(trials)
+
+
+def test_order_is_the_papers_and_strangers_follow():
+    """Known names come in the order of the paper, unknown ones behind them by name."""
+    assert ordered(["zeta", "RRTConnect", "FMT*", "alpha", "FMT*"], "method") == ["FMT*", "RRTConnect", "alpha", "zeta"]
+    assert ordered(["bands", "blocks"], "scenario") == ["blocks", "bands"]
+
+
+def test_groups_are_a_full_grid():
+    """A combination that was not run is there, with no rows."""
+    trials = make_trials(2, ("blocks",))
+    trials = trials[~((trials["method"] == "FMT*") & (trials["adherence"] == "atlas"))]
+    sizes = {(method, adherence): len(rows) for method, adherence, rows in groups(trials, "blocks")}
+    assert len(sizes) == 12 and sizes["FMT*", "atlas"] == 0 and sizes["FMT*", "projection"] == 2
+
+
+def test_learned_methods_meet_their_classical_counterpart():
+    """Only methods whose counterpart was run are paired."""
+    assert method_pairs(["FMT*", "CoMPNetX-FMT*", "CoMPNetX-RRT", "RRTConnect"]) == [("CoMPNetX-FMT*", "FMT*")]
+
+
+def test_pairs_are_problem_by_problem():
+    """Rows are joined by scene and problem whatever their order, repetitions by the order of their seeds."""
+    columns = ["scenario", "adherence", "method", "scene", "problem", "seed", "solved", "planning_time"]
+    rows = [
+        ("blocks", "atlas", "A", "s", 0, 1, True, 1.0),
+        ("blocks", "atlas", "A", "s", 1, 1, False, 2.0),
+        ("blocks", "atlas", "A", "s", 1, 2, True, 3.0),
+        ("blocks", "atlas", "B", "s", 1, 8, True, 30.0),
+        ("blocks", "atlas", "B", "s", 1, 7, True, 20.0),
+        ("blocks", "atlas", "B", "s", 0, 7, True, 10.0),
+        ("blocks", "projection", "B", "s", 0, 7, True, 99.0),
+        ("blocks", "atlas", "B", "t", 0, 7, True, 99.0),
+    ]
+    joined = pair(pd.DataFrame(rows, columns=columns), "blocks", "atlas", "A", "B")
+    assert joined[["planning_time_1", "planning_time_2"]].to_numpy().tolist() == [[1, 10], [2, 20], [3, 30]]
+    assert [side.tolist() for side in both_solved(joined, "planning_time")] == [[1, 3], [10, 30]]
+
+
+def test_paths_are_row_major_and_checked():
+    """The flat list is read row by row; a wrong count is refused."""
+    row = pd.Series(dict(zip(PATH_COLUMNS, ["blocks", "s", 0, "FMT*", "atlas", [1, 2, 3, 4, 5, 6], 2, 3], strict=True)))
+    assert path_array(row).tolist() == [[1, 2, 3], [4, 5, 6]]
+    with pytest.raises(ArtifactError, match="6 numbers, expected 3 waypoints"):
+        path_array(row.replace({2: 3}))
+
+
+def test_empty_trials_pass():
+    """A table with the columns and no rows is an empty benchmark, not an error."""
+    check_trials(pd.DataFrame(columns=list(TRIAL_COLUMNS)))
