@@ -4,6 +4,8 @@ VENV ?= .venv
 PROFILE ?= quick
 # Extra arguments, as in `make test PYTEST_ARGS="-x -k sphere"`.
 PYTEST_ARGS ?=
+# Overrides of conf/bench.yaml, as in `make bench BENCH_ARGS="output=reports/performance.md"`.
+BENCH_ARGS ?=
 # The first command that is Python 3.11; another one: `make venv PYTHON=/path/to/python3.11`.
 PYTHON ?= $(shell for name in python3.11 python3 python; do $(call is_python,$$name) && { echo $$name; break; }; done)
 
@@ -41,8 +43,8 @@ $(stamp): requirements.lock
 test: venv  ## run the tests
 	@$(bin)/python -m pytest $(PYTEST_ARGS)
 
-bench: venv  ## run the measurements among the tests (marker bench)
-	@$(bin)/python -m pytest -m bench -s $(PYTEST_ARGS) || { [ $$? -eq 5 ] && echo "no test is marked bench"; }
+bench: venv  ## measure parts, planning against OMPL and scaling, in 10 minutes on 2 idle cores
+	@$(bin)/python stages/bench.py $(BENCH_ARGS)
 
 repro: venv  ## run the pipeline: PROFILE=quick (default), standard, paper
 	@[ -f $(pipeline_file) ] || { echo "profile '$(PROFILE)' has no $(pipeline_file); there are:" \

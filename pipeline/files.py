@@ -53,6 +53,20 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+@contextmanager
+def atomic_entries(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder whose entries replace those of the same name in `folder`; others there stay."""
+    folder = Path(folder)
+    with atomic_folder(folder / ".entries") as temporary:
+        yield temporary
+    for entry in sorted((folder / ".entries").iterdir()):
+        target = folder / entry.name
+        if target.is_dir():
+            shutil.rmtree(target)
+        os.replace(entry, target)
+    (folder / ".entries").rmdir()
+
+
 def write_table(frame: pd.DataFrame, path: Path, schema: str) -> None:
     """Write `frame` as parquet with its schema name and version in the file's metadata."""
     table = pa.Table.from_pandas(frame, preserve_index=False)

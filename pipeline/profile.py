@@ -38,11 +38,16 @@ class TrainScale:
 
 @dataclass(frozen=True)
 class BenchmarkScale:
-    """Problems per scene of scenario 1, problems of scenario 2, recordings per scenario, method and adherence."""
+    """How much is measured: problems per scene of scenario 1 and of scenario 2, and what is kept of it.
+
+    Recordings are per scenario, method and adherence; `choices_per_scene` problems of each validation scene make the
+    table of choices.
+    """
 
     problems_per_scene: int
     band_problems: int
     recordings: int
+    choices_per_scene: int
 
     def __post_init__(self) -> None:
         _positive("benchmark", self)

@@ -20,7 +20,7 @@ def keep_row(row: dict[str, Any]) -> None:
     """Keep the outcome of a sweep's job beside the others; a single run only logs it."""
     hydra = HydraConfig.get()
     if hydra.mode is not None and hydra.mode.name == "MULTIRUN":
-        overrides = dict(item.split("=", 1) for item in hydra.overrides.task)
+        overrides = dict(item.partition("=")[::2] for item in hydra.overrides.task)  # a deleted key has no value
         write_json({**overrides, **row}, Path(hydra.sweep.dir) / str(hydra.sweep.subdir) / ROW)
 
 

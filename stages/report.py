@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 from pipeline import reporting
 from pipeline.config import ROOT, load
 from pipeline.environments import read_scenes
-from pipeline.files import atomic_folder, read_arrays, read_json, read_table
+from pipeline.files import atomic_entries, read_arrays, read_json, read_table
 from pipeline.profile import Profile
 from pipeline.recording.layout import write_layout
 from pipeline.stage import folder, guarded
@@ -29,7 +29,8 @@ class Config:
 @guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
-    with atomic_folder(config.output) as out:
+    # Entry by entry: beside these pages may lie others that this stage does not write.
+    with atomic_entries(config.output) as out:
         (name,) = config.environments  # one page per environment; so far there is one
         benchmark = folder(config.profile.name, "benchmark", name)
         trials = read_table(benchmark / "trials.parquet", "trials")
@@ -41,16 +42,20 @@ def main(cfg: DictConfig) -> None:
         provenance = reporting.Provenance(
             _commit(),
             config.profile.name,
-            {stage: f"make repro PROFILE={config.profile.name}" for stage in ("benchmark", "train", "report")},
+            {
+                stage: f"make repro PROFILE={config.profile.name}"
+                for stage in ("benchmark", "train", "choices", "report")
+            },
             read_json(benchmark / "hardware.json", "hardware"),
         )
+        choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
         figures = out / name  # beside the page, which links to it by this name
         stills = reporting.Stills(config.plain_stills)
         pictures = {
             **reporting.sphere_figures(trials, curves, figures),
             **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
         }
-        reporting.write(reporting.sphere_page(trials, pictures, provenance), out / f"{name}.md")
+        reporting.write(reporting.sphere_page(trials, pictures, provenance, choices), out / f"{name}.md")
         summary = reporting.sphere_summary(trials, pictures, provenance)
         reporting.write(reporting.index("Reports", [(f"{name}.md", summary)], provenance), out / "README.md")
         write_layout(out / "layout.json", 3)

@@ -191,12 +191,14 @@ def interrupted(path) -> None:
 
 
 def test_nothing_is_seen_before_it_is_whole(tmp_path):
-    """While a file is written its name still holds the older content; afterwards only the new one is there."""
+    """While a file is written its name holds the older content, and who has that open goes on reading it."""
     (tmp_path / "file").write_text("old")
-    with atomic_file(tmp_path / "file") as temporary:
-        temporary.write_text("new")
-        assert (tmp_path / "file").read_text() == "old"
-        assert temporary.parent == tmp_path  # on the same file system, so that renaming it is atomic
+    with open(tmp_path / "file") as reader:
+        with atomic_file(tmp_path / "file") as temporary:
+            temporary.write_text("new")
+            assert (tmp_path / "file").read_text() == "old"
+            assert temporary.parent == tmp_path  # on the same file system, so that renaming it is atomic
+        assert reader.read() == "old"
     assert (tmp_path / "file").read_text() == "new"
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.errors import ArtifactError, ConfigError, ProblemError
 from pipeline.files import read_table, write_table
 from pipeline.robots import Obstacle, Robot, Validity, obstacles_from_frame, obstacles_to_frame
 
@@ -68,9 +68,15 @@ def validity(environment: Environment, scene: Scene, robot: Robot, margin: float
 
 
 def write_scenes(scenes: Iterable[Scene], folder: Path) -> None:
-    """Write all obstacles of all scenes as one table."""
+    """Write all obstacles of all scenes as one table.
+
+    Raises:
+        ProblemError: a scene has none, so that it would be lost.
+    """
     frames = []
     for scene in scenes:
+        if not scene.obstacles:
+            raise ProblemError(f"scene {scene.name!r} has no obstacles; a table of obstacles cannot hold it")
         frame = obstacles_to_frame(scene.obstacles)
         frame.insert(0, "scenario", scene.scenario)
         frame.insert(1, "scene", scene.name)

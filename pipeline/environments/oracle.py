@@ -78,7 +78,8 @@ def demonstrate(
             rows.append({**head, "status": "refused", "solved": False, "message": str(error), **empty})
             continue
         path = shortcut(space, result.path, np.random.default_rng(seed), oracle.shortcuts)
-        lengths = {"length": path_length(path), "raw_length": path_length(result.path)}
+        paths = {"length": path, "raw_length": result.path}
+        lengths = {name: path_length(states) if result.solved else np.nan for name, states in paths.items()}
         record = {k: v for k, v in result.row().items() if k not in ("claimed", "network_time")}
         rows.append({**head, "solved": result.solved, "message": "", **lengths, **record, **flatten(path)})
     return pd.DataFrame(rows)

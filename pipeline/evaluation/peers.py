@@ -16,10 +16,10 @@ import pandas as pd
 
 from pipeline.environments import Environment, Scene, validity
 from pipeline.errors import ConfigError
-from pipeline.evaluation.statistics import paired_interval, summary
+from pipeline.evaluation.statistics import Summary, paired_interval, summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
-from pipeline.manifolds import Adherence, AtlasAdherence, TangentBundleAdherence, make_adherence
-from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, RrtConnect, Termination
+from pipeline.manifolds import Adherence, AtlasParameters, make_adherence
+from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
 from pipeline.samplers import Sampler
 from pipeline.samplers.choices import make_sampler
@@ -36,7 +36,7 @@ PARITY = (
     "planner", SPACING, "adherence", "route", "n", "verified: ours", "verified: OMPL", "only ours", "only OMPL",
     "both", "length, both: ours [m]", "length, both: OMPL [m]", "ours - OMPL [m]", "95 % from", "95 % to",
 )  # fmt: skip
-_PEERS = {RrtConnect: ("RRTConnect", "RRTConnect"), FmtStar: ("FMT*", "FMT")}  # our class: label, OMPL's name
+_PEERS = {"rrtconnect": ("RRTConnect", "RRTConnect"), "fmt": ("FMT*", "FMT")}  # our kind: label, OMPL's name
 _WARM_UP = 0.5  # [s] of a plan that is not counted; whatever is touched for the first time is touched by then
 
 
@@ -75,6 +75,16 @@ class Contest:
     def __post_init__(self) -> None:
         if not (self.planners and self.adherences and self.spacings):
             raise ConfigError("a contest needs at least one planner, one adherence and one spacing")
+        for key, choice in self.planners.items():
+            if choice.kind not in _PEERS:
+                raise ConfigError(f"planners.{key} is {choice.kind!r}; those with a peer in OMPL: {', '.join(_PEERS)}")
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}; it must be at least 0")
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the planners in the tables."""
+        return [_PEERS[choice.kind][0] for choice in self.planners.values()]
 
     @property
     def problems(self) -> int:
@@ -149,12 +159,12 @@ def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for planner, delta, adherence, group in _groups(trials):
-        ours = summary(1e3 * group[group["route"] == OURS]["planning_time"])
+        ours = _milliseconds(group[group["route"] == OURS])
         for route, part in group.groupby("route", sort=False):
-            times = summary(1e3 * part["planning_time"])
+            times = _milliseconds(part)
             ratios = (np.nan, np.nan) if route == OURS else (times.median / ours.median, times.p95 / ours.p95)
             success = (100 * part["claimed"].mean(), 100 * part["verified"].mean())
-            length = summary(part["path_length"].dropna()).median
+            length = summary(part["path_length"].dropna().to_numpy(float)).median
             times_ms = (times.median, times.mean, times.p95)
             rows.append((planner, delta, adherence, route, len(part), *success, *times_ms, *ratios, length))
     return pd.DataFrame(rows, columns=list(PLANNING))
@@ -198,6 +208,10 @@ def goal_lines(table: pd.DataFrame, bounds: Mapping[str, float]) -> list[str]:
     return lines
 
 
+def _milliseconds(trials: pd.DataFrame) -> Summary:
+    return summary(1e3 * trials["planning_time"].to_numpy(float))
+
+
 def _groups(trials: pd.DataFrame) -> Iterator[tuple[str, float, str, pd.DataFrame]]:
     """Yield planner, delta, adherence and their trials: OMPL's with this delta, and ours on the same problems."""
     for planner, of_planner in trials.groupby("planner", sort=False):
@@ -211,19 +225,15 @@ def _groups(trials: pd.DataFrame) -> Iterator[tuple[str, float, str, pd.DataFram
 def _entrants(contest: Contest, spaces: Mapping[str, Adherence]) -> Iterator[_Entrant]:
     sampler = make_sampler(contest.sampler)
     for key, choice in contest.planners.items():
-        planner = choice.make(PLANNERS, f"planners.{key}")
-        if type(planner) not in _PEERS:
-            raise ConfigError(f"planners.{key} is {choice.kind!r}; a peer in OMPL is known for rrtconnect, fmt")
-        label, name = _PEERS[type(planner)]
+        planner, (label, name) = choice.make(PLANNERS, f"planners.{key}"), _PEERS[choice.kind]
         for adherence, space in spaces.items():
+            kind = contest.adherences[adherence].kind
+            # Charts have a Newton iteration of their own that cannot be replaced.
+            routes = (ORDINARY, OVERRIDDEN) if kind == "projection" else (ORDINARY,)
             yield _Entrant(label, adherence, OURS, np.nan, contest.problems, planner, sampler)
             for spacing in contest.spacings:
-                for route in (ORDINARY, OVERRIDDEN):
-                    charted = isinstance(space, AtlasAdherence | TangentBundleAdherence)
-                    if charted and route == OVERRIDDEN:
-                        continue  # charts have a Newton iteration of their own that cannot be replaced
+                for route in routes:
                     parameters = _parameters(space, planner, spacing.delta, route == OVERRIDDEN)
-                    kind = contest.adherences[adherence].kind
                     search = OmplPlanner(name, kind, parameters)
                     yield _Entrant(label, adherence, route, spacing.delta, spacing.problems, search, sampler)
 
@@ -231,7 +241,7 @@ def _entrants(contest: Contest, spaces: Mapping[str, Adherence]) -> Iterator[_En
 def _parameters(space: Adherence, planner: Planner, delta: float, override: bool) -> OmplParameters:
     """What both have is ours, the charts' and the number of samples; the rest is OMPL's default, as users have it."""
     shared: dict[str, Any] = {"delta": delta, "project_override": override, "leap": space.parameters.leap}
-    if isinstance(space, AtlasAdherence | TangentBundleAdherence):
+    if isinstance(space.parameters, AtlasParameters):
         shared |= {name: getattr(space.parameters, name) for name in ("epsilon", "rho", "alpha", "exploration")}
     if isinstance(planner, FmtStar):
         shared["num_samples"] = planner.samples

@@ -4,13 +4,18 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from pipeline.evaluation.choices import choices_table
 from pipeline.reporting import sphere_pictures as pictures
 from pipeline.reporting import tables, text, verdict
-from pipeline.reporting.frames import check_trials, ordered
+from pipeline.reporting.frames import check_trials, method_pairs, ordered
 from pipeline.reporting.markdown import Illustration, Provenance, Section, escape, page
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult
 
 TITLE = "Sphere"
+_CHOICES_NOTE = (
+    "Each row changes the parameters named in brackets; everything else is as in the results above, with projection. "
+    "No test scene was used."
+)
 PAPER_SCENARIOS = {"blocks": "scenario 1 of the paper", "bands": "scenario 2 of the paper, never trained on"}
 
 
@@ -18,6 +23,7 @@ def sphere_page(
     trials: pd.DataFrame,
     illustrations: Mapping[str, Illustration],
     provenance: Provenance,
+    choices: pd.DataFrame,
     paper: Sequence[PaperResult] = SPHERE,
 ) -> str:
     """Return the page in Markdown.
@@ -26,12 +32,14 @@ def sphere_page(
         trials: of the benchmark.
         illustrations: of `sphere_figures` and `sphere_stills`, by name; those that are missing are left out.
         provenance: commit, profile, machine, and the commands of 'benchmark', 'train' and 'report'.
+        choices: trials of the variants on validation scenes.
         paper: what to compare with.
 
     Raises:
         ArtifactError: columns are missing or unknown.
     """
     check_trials(trials)
+    check_trials(choices)
     benchmark, train = (provenance.commands.get(stage, "") for stage in ("benchmark", "train"))
     scenarios = ordered(trials["scenario"], "scenario")
     verdicts = verdict.verdict_table(trials, paper)
@@ -61,6 +69,12 @@ def sphere_page(
     sections += [
         Section(
             "Learned against classical, problem by problem", [paired, escape(tables.PAIRED_NOTE), machine], benchmark
+        ),
+        Section("Where the time of the learned methods goes", [*_shares(trials), machine], benchmark),
+        Section(
+            "What was tried, on validation scenes",
+            [_CHOICES_NOTE, choices_table(choices), machine],
+            provenance.commands.get("choices", ""),
         ),
         Section(
             "Figures",
@@ -119,6 +133,26 @@ def _runs(trials: pd.DataFrame) -> pd.DataFrame:
             "n trials": len(part), "solved": int(part["solved"].astype(bool).sum()),
         })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def _shares(trials: pd.DataFrame) -> list[str]:
+    """Say in sentences what the network costs beside the whole classical plan, and what it saves in checks."""
+    said = []
+    for scenario in ordered(trials["scenario"], "scenario"):
+        for learned, classical in method_pairs(trials["method"]):
+            part = trials[trials["scenario"] == scenario]
+            ours, theirs = part[part["method"] == learned], part[part["method"] == classical]
+            if ours.empty or theirs.empty:
+                continue
+            network, whole = 1e3 * ours["network_time"].median(), 1e3 * theirs["planning_time"].median()
+            said.append(
+                f"- {scenario}: {escape(classical)} plans in {whole:.1f} ms; the network alone takes {network:.1f} ms "
+                f"of {escape(learned)}'s {1e3 * ours['planning_time'].median():.1f} ms, which is {network / whole:.0%} of "
+                f"the whole classical plan. Collision checks: {ours['collision_checks'].median():.0f} against "
+                f"{theirs['collision_checks'].median():.0f}; path length {ours['path_length'].median():.3f} m against "
+                f"{theirs['path_length'].median():.3f} m (medians over all adherence methods)."
+            )
+    return ["\n".join(said)] if said else []
 
 
 def _rejected(trials: pd.DataFrame) -> str:

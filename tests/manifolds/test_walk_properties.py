@@ -49,6 +49,21 @@ def test_states_keep_to_everything(method):
     assert {Stop.REACHED, Stop.COLLISION, Stop.OUT_OF_BOUNDS} <= set(stops)
 
 
+@pytest.mark.parametrize("resolution, pieces", [(0.05, 1), (0.03, 2), (0.02, 3), (0.01, 5)])
+@pytest.mark.parametrize("method", METHODS)
+def test_collisions_are_checked_at_the_resolution(method, resolution, pieces, monkeypatch):
+    """Along every step all points are checked that divide it into pieces of the resolution, its end included."""
+    space, checked = sphere_space(method, resolution=resolution), []
+    monkeypatch.setattr(space.validity, "collision_free", lambda q: checked.append(q.copy()) or True)
+    target = np.array([0.0, 0.6, 0.8])
+    states = np.vstack([EQUATOR, space.traverse(EQUATOR, target).states])
+    wanted = [p + i / pieces * (q - p) for p, q in pairwise(states) for i in range(1, pieces + 1)]
+    distances = np.linalg.norm(np.array(checked)[None] - np.array(wanted)[:, None], axis=2)
+    # The way to a state that is lifted was checked up to where it was before.
+    assert distances.min(axis=1).max() <= (space.parameters.epsilon if method == "tangent bundle" else 1e-12)
+    assert len(checked) == len(wanted)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_target_is_the_last_state_exactly_when_reached(method):
     """A walk that reached has its target as last state to the last bit; no other walk has it anywhere."""

@@ -19,6 +19,8 @@ from tests.robots.worlds import ball_clearance, block, fibonacci, on_sphere
 PLANNERS: dict[str, Planner] = {"rrt": Rrt(), "rrtconnect": RrtConnect(), "fmt": FmtStar(samples=400)}
 GRID = fibonacci(10_000)
 COVER = 0.035  # no point of the sphere is farther from the grid
+# Steps of 0.4 have chords 0.02 below the sphere: they pass under plates that lie flat on it.
+LONG = {"step": 0.4, "resolution": 0.02, "wander": 3.0, "margin": 0.01}
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,13 @@ def scene(seed: int, gap: float) -> Scene:
     scattered = [block(p, rng.uniform(0.1, 0.25, 3)) for p in on_sphere(rng, 24)]
     clear = [o for o in scattered if ball_clearance([o], np.stack([start, goal])).min() > 0.1]
     return Scene(start, goal, (*fence, *clear))
+
+
+def plated(count: int = 70) -> Scene:
+    """Flat plates on the sphere, clear of a start and a goal."""
+    start, goal = np.array([0.6, 0.0, 0.8]), np.array([-0.6, 0.48, -0.64])
+    plates = [block(p, (0.16, 0.16, 0.004)) for p in fibonacci(count)]
+    return Scene(start, goal, tuple(o for o in plates if ball_clearance([o], np.stack([start, goal])).min() > 0.05))
 
 
 def connected(scene: Scene, clearances: np.ndarray, least: float, reach: float) -> bool:

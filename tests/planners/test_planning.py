@@ -85,15 +85,16 @@ def test_first_of_two_limits(planner):
     assert result.status is PlanStatus.ITERATION_LIMIT and result.iterations == 5
 
 
+@pytest.mark.parametrize("heuristic", [True, False])
 @pytest.mark.parametrize("method", METHODS)
-def test_fmt_is_near_the_geodesic(method):
+def test_fmt_is_near_the_geodesic(method, heuristic):
     """On an empty sphere FMT*'s paths are at most a tenth longer than the great circle and shorter than RRT's mean."""
     rng, space = np.random.default_rng(5), sphere_space(method)
     for _ in range(3):
         start, goal = on_sphere(rng, 2)
         empty, angle = Scene(start, goal, ()), np.arccos(start @ goal)
-        length = path_length(solve(FmtStar(samples=300), space, empty).path)
-        trees = [path_length(solve(Rrt(goal_bias=0.2), space, empty, seed).path) for seed in range(4)]
+        length = path_length(solve(FmtStar(samples=300, heuristic=heuristic), space, empty).path)
+        trees = [path_length(solve(Rrt(), space, empty, seed).path) for seed in range(4)]
         assert 2 * np.sin(angle / 2) < length <= 1.1 * angle
         assert length <= np.mean(trees) * (1 + 1e-9)
 

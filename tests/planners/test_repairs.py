@@ -6,18 +6,8 @@ import pytest
 from pipeline.manifolds import Refined
 from pipeline.planners import PlanStatus, path_length
 from tests.manifolds.spaces import METHODS
-from tests.planners.scenes import PLANNERS, Scene, arcs, assert_sound, solve, space_of
-from tests.robots.worlds import ball_clearance, block, fibonacci, on_sphere
-
-# Steps of 0.4 have chords 0.02 below the sphere: they pass under plates that lie flat on it.
-LONG = {"step": 0.4, "resolution": 0.02, "wander": 3.0, "margin": 0.01}
-
-
-def plated(count: int = 70) -> Scene:
-    """Flat plates on the sphere, clear of a start and a goal."""
-    start, goal = np.array([0.6, 0.0, 0.8]), np.array([-0.6, 0.48, -0.64])
-    plates = [block(p, (0.16, 0.16, 0.004)) for p in fibonacci(count)]
-    return Scene(start, goal, tuple(o for o in plates if ball_clearance([o], np.stack([start, goal])).min() > 0.05))
+from tests.planners.scenes import LONG, PLANNERS, Scene, arcs, assert_sound, plated, solve, space_of
+from tests.robots.worlds import ball_clearance, block, on_sphere
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -74,7 +64,7 @@ def test_coarse_checks_and_thin_plates(planner):
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_every_failure_is_counted_and_none_comes_back(planner, monkeypatch):
-    """When the finer walk rejects its first three paths there are three repairs, and no rejected segment comes back."""
+    """When the finer walk rejects its first ten paths there are ten repairs, and no rejected segment comes back."""
     s = Scene(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), ())
     space, rejected = space_of("projection", s), []
     refine = space.refine
@@ -82,19 +72,19 @@ def test_every_failure_is_counted_and_none_comes_back(planner, monkeypatch):
     def rejecting(states):
         found = refine(states)
         assert found.invalid is None
-        if len(rejected) == 3:
+        for segment in rejected:
+            pairs = np.stack([found.states[:-1], found.states[1:]], axis=1)
+            assert not (pairs == segment).all(axis=(1, 2)).any()
+        if len(rejected) == 10:
             return found
-        i = len(states) // 2
+        i = (len(states) // 3 + len(rejected)) % (len(states) - 1)
         rejected.append(states[i : i + 2].copy())
         return Refined(found.states, i)
 
     monkeypatch.setattr(space, "refine", rejecting)
     result = solve(PLANNERS[planner], space, s)
-    assert result.solved and result.counters.repairs == 3
+    assert result.solved and result.counters.repairs == 10
     assert_sound(result.path, s)
-    for segment in rejected:
-        pairs = np.stack([result.path[:-1], result.path[1:]], axis=1)
-        assert not (pairs == segment).all(axis=(1, 2)).any()
 
 
 @pytest.mark.parametrize("planner", PLANNERS)

@@ -42,7 +42,7 @@ def report(tmp_path_factory):
     scenes = {s: block_scene(40) if s.startswith("blocks") else band_scene() for s in trials["scene"].unique()}
     pictures = sphere_figures(trials, CURVES, folder / "figures")
     pictures |= sphere_stills(trials, paths, scenes, samples, folder / "figures", Stills(plain=True))
-    write(sphere_page(trials, pictures, PROVENANCE), folder / "sphere.md")
+    write(sphere_page(trials, pictures, PROVENANCE, trials), folder / "sphere.md")
     summary = sphere_summary(trials, pictures, PROVENANCE)
     write(index("Reports", [("sphere.md", summary)], PROVENANCE), folder / "README.md")
     return folder, trials, pictures
@@ -82,19 +82,22 @@ def test_conclusions_follow_the_data(report):
     worse.loc[worse["method"] == "CoMPNetX-FMT*", ["planning_time", "path_length"]] *= 10
 
     def answers(data):
-        section = sphere_page(data, pictures, PROVENANCE).split("## What was run")[0]
+        section = sphere_page(data, pictures, PROVENANCE, data).split("## What was run")[0]
         return [
             line.split("|")[3].strip() for line in section.splitlines() if re.search("faster than|shorter than", line)
         ]
 
     assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 4
-    sentence = re.search(r"Of 6 expectations .* (\d) are met and (\d) are not", sphere_page(worse, {}, PROVENANCE))
+    sentence = re.search(
+        r"Of 6 expectations .* (\d) are met and (\d) are not", sphere_page(worse, {}, PROVENANCE, worse)
+    )
     assert sentence and int(sentence[1]) + int(sentence[2]) == 6
 
 
 def test_the_page_of_no_trials_says_so():
     """An empty benchmark makes a page without crashing."""
-    assert "There are no trials." in sphere_page(pd.DataFrame(columns=list(TRIAL_COLUMNS)), {}, PROVENANCE)
+    empty = pd.DataFrame(columns=list(TRIAL_COLUMNS))
+    assert "There are no trials." in sphere_page(empty, {}, PROVENANCE, empty)
 
 
 def test_the_shown_problems_are_spread_by_rank():

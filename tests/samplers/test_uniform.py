@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.errors import ConfigError
 from pipeline.samplers import Sampler, UniformSampler
 from tests.manifolds.spaces import CHARTED, METHODS, sphere_space
 
@@ -78,3 +79,10 @@ def test_fewer_where_there_are_none(method):
     sampler = UniformSampler()
     sampler.start(sphere_space(method), np.random.default_rng(0), None)
     assert ask(sampler, 7).shape == (0, 3) and sampler.counters.samples == 0
+
+
+@pytest.mark.parametrize("name", ["batch", "block"])
+def test_parameters_are_checked(name):
+    """A batch or block of none is refused with its name and value."""
+    with pytest.raises(ConfigError, match=rf"sampler\.{name} is 0"):
+        UniformSampler(**{name: 0})

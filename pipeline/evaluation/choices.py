@@ -1,0 +1,87 @@
+"""Variants of methods, to show what a choice costs and brings."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pandas as pd
+
+from pipeline.errors import ConfigError
+from pipeline.evaluation.statistics import summary
+from pipeline.evaluation.trials import Method
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A method with some parameters changed.
+
+    Attributes:
+        base: key of the method.
+        planner, sampler: parameters that differ; none for the base itself.
+    """
+
+    base: str
+    planner: dict[str, Any] = field(default_factory=dict)
+    sampler: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def changes(self) -> str:
+        """What differs, in words of the configuration; empty for the base."""
+        return ", ".join(f"{key} = {value}" for key, value in {**self.planner, **self.sampler}.items())
+
+
+def variants(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[str, Method]:
+    """Return the methods of the variants by key, labelled with what differs.
+
+    Raises:
+        ConfigError: an unknown base, a parameter that the base does not name, or the same variant twice.
+    """
+    found: dict[str, Method] = {}
+    for variant in changed:
+        if variant.base not in bases:
+            raise ConfigError(f"variant of {variant.base!r}; bases: {', '.join(bases)}")
+        base = bases[variant.base]
+        for part, changes in (("planner", variant.planner), ("sampler", variant.sampler)):
+            known = getattr(base, part).parameters
+            unknown = [key for key in changes if key not in known]
+            if unknown:
+                raise ConfigError(f"{part} of {variant.base!r} has no {unknown[0]!r}; it has: {', '.join(known)}")
+        label = f"{base.label} ({variant.changes})" if variant.changes else base.label
+        if label in found:
+            raise ConfigError(f"the variant {label!r} stands twice")
+        found[label] = Method(
+            label,
+            replace(base.planner, parameters={**base.planner.parameters, **variant.planner}),
+            replace(base.sampler, parameters={**base.sampler.parameters, **variant.sampler}),
+        )
+    return found
+
+
+def choices_table(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return one row per method: success, time, length over problems all solved, work and the network's part."""
+    if trials.empty:
+        return pd.DataFrame()
+    solved = trials.pivot_table(index=["scene", "problem"], columns="method", values="solved", aggfunc="all")
+    common = solved.index[solved.all(axis=1)]
+    rows = []
+    for method, group in trials.groupby("method", sort=False):
+        times, network = summary((1e3 * group.planning_time).to_numpy()), summary((1e3 * group.network_time).to_numpy())
+        lengths = summary(group.set_index(["scene", "problem"]).path_length.reindex(common).to_numpy())
+        rows.append(
+            {
+                "method": method,
+                "n": len(group),
+                "solved [%]": f"{100 * group.solved.mean():.1f}",
+                "time median [ms]": f"{times.median:.1f}",
+                "time mean [ms]": f"{times.mean:.1f}",
+                "time p95 [ms]": f"{times.p95:.1f}",
+                "of it network, median [ms]": f"{network.median:.1f}",
+                f"length median [m], {len(common)} all solved": f"{lengths.median:.3f}",
+                "collision checks, median": f"{group.collision_checks.median():.0f}",
+                "samples, median": f"{group.samples.median():.0f}",
+                "from the classical sampler [%]": f"{100 * group.fallback_samples.sum() / group.samples.sum():.1f}"
+                if group.samples.sum()
+                else "0.0",
+            }
+        )
+    return pd.DataFrame(rows)
