@@ -61,12 +61,13 @@ def choices_table(trials: pd.DataFrame) -> pd.DataFrame:
     """Return one row per method: success, time, length over problems all solved, work and the network's part."""
     if trials.empty:
         return pd.DataFrame()
-    solved = trials.pivot_table(index=["scene", "problem"], columns="method", values="solved", aggfunc="all")
+    keys = ["scene", "problem"]
+    solved = trials.pivot_table(index=keys, columns="method", values="solved", aggfunc="all")
     common = solved.index[solved.all(axis=1)]
     rows = []
     for method, group in trials.groupby("method", sort=False):
         times, network = summary((1e3 * group.planning_time).to_numpy()), summary((1e3 * group.network_time).to_numpy())
-        lengths = summary(group.set_index(["scene", "problem"]).path_length.reindex(common).to_numpy())
+        lengths = summary(group.path_length[group.set_index(keys).index.isin(common)].to_numpy())
         rows.append(
             {
                 "method": method,

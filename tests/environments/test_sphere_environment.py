@@ -1,7 +1,5 @@
 """Scenes and problems of the sphere are what the papers describe, judged by closed forms and by brute force."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
@@ -147,36 +145,182 @@ def test_verdicts_are_those_of_the_distance(scenes, which, margin):
     assert 1000 < told.sum() < 3500
 
 
-@pytest.mark.parametrize("which", [0, 3, -1])
-def test_starts_and_goals_are_free_and_connected(scenes, which):
-    """Starts and goals lie on the sphere, keep the margin, and brute force finds a way between them.
+def connected(scene: Scene, ends: np.ndarray, least: float, side: int = 80) -> np.ndarray:
+    """Return the number of the connected piece of each of `ends` (N, 3), by brute force.
 
-    Brute force: a grid other than the environment's and coarser, on the faces of a cube; neighbours are linked where
-    four points between them keep the margin of planning too.
+    On a grid other than the environment's and coarser, on the faces of a cube of `side` points each way; neighbours
+    are linked where they and four points between them are at least `least` from all obstacles.
     """
-    environment, scene = published(), scenes[which]
-    problems = environment.problems(scene, 40)
-    start, goal = ends(problems)
-    assert problems["problem"].tolist() == list(range(40))
-    assert set(problems["scene"]) == {scene.name} and set(problems["split"]) == {scene.split.value}
-    both = np.concatenate([start, goal])
-    assert np.abs(np.linalg.norm(both, axis=1) - 1).max() < 1e-12
-    least = environment.margin + environment.robot_radius
-    assert distance(scene, both).min() >= least
-    side = 80
     u = np.tan((np.arange(side) + 0.5) / side * np.pi / 2 - np.pi / 4)
     a, b = map(np.ravel, np.meshgrid(u, u))
-    one = np.ones_like(a)
-    faces = [np.column_stack(np.roll([a, b, sign * one], axis, axis=0)) for axis in range(3) for sign in (-1, 1)]
+    faces = [np.column_stack(c) for sign in (-np.ones_like(a), np.ones_like(a)) for c in permuted(a, b, sign)]
     grid = np.concatenate(faces)
-    assert len(grid) < environment.grid / 2
-    points = np.concatenate([both, grid / np.linalg.norm(grid, axis=1)[:, None]])
+    points = np.concatenate([ends, grid / np.linalg.norm(grid, axis=1)[:, None]])
     links = cKDTree(points).query_pairs(1.6 * np.pi / 2 / side, output_type="ndarray")
     links = links[(distance(scene, points) >= least)[links].all(axis=1)]
-    between = np.concatenate([points[links] @ [1 - share, share] if False else share * points[links[:, 1]] + (1 - share) * points[links[:, 0]] for share in (0.2, 0.4, 0.6, 0.8)])
+    first, second = points[links[:, 0]], points[links[:, 1]]
+    between = np.concatenate([first + share * (second - first) for share in (0.2, 0.4, 0.6, 0.8)])
     between /= np.linalg.norm(between, axis=1)[:, None]
     links = links[(distance(scene, between) >= least).reshape(4, -1).all(axis=0)]
     graph = coo_array((np.ones(len(links)), links.T), shape=(len(points),) * 2)
-    _, pieces = connected_components(graph, directed=False)
-    assert (pieces[:40] == pieces[40:80]).all()
-    assert len(set(pieces[:80])) < len(set(pieces)) - 1  # there are pockets that pairs were kept out of
+    return connected_components(graph, directed=False)[1][: len(ends)]
+
+
+def permuted(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+    return [(c, a, b), (a, c, b), (a, b, c)]
+
+
+@pytest.mark.parametrize("which", [1, 3, -1])
+def test_starts_and_goals_are_free_and_connected(scenes, which):
+    """Starts and goals lie on the sphere, keep the margin, and brute force finds a way between them that keeps it."""
+    environment, scene, count = published(), scenes[which], 150
+    problems = environment.problems(scene, count)
+    assert problems["problem"].tolist() == list(range(count))
+    for column, value in (("scenario", scene.scenario), ("scene", scene.name), ("split", scene.split.value)):
+        assert set(problems[column]) == {value}
+    points = np.concatenate(ends(problems))
+    assert np.abs(np.linalg.norm(points, axis=1) - 1).max() < 1e-12
+    least = environment.margin + environment.robot_radius
+    assert distance(scene, points).min() >= least
+    anywhere = on_sphere(np.random.default_rng(3), 2000)
+    anywhere = anywhere[distance(scene, anywhere) >= least]
+    pieces = connected(scene, np.concatenate([points, anywhere]), least)
+    assert (pieces[:count] == pieces[count : 2 * count]).all()
+    if scene.scenario == BLOCKS:  # with pockets between the blocks that such pairs might have been drawn from
+        assert len(set(pieces[2 * count :])) > 1
+
+
+@pytest.mark.parametrize(("gap", "passable"), [(0.016, False), (0.1, True)])
+def test_pairs_go_through_passable_gaps_only(gap, passable):
+    """Start and goal lie on different sides of a belt where its gap is wider than the robot and its margins only."""
+    belt = ({"low": -0.1, "high": 0.1, "gap_axis": "x", "side": 1, "gap": gap},)
+    environment = published(blocks=0, bands=belt)
+    (scene,) = (scene for scene in environment.scenes({}) if scene.scenario == BANDS)
+    start, goal = ends(environment.problems(scene, 60))
+    assert (np.sign(start[:, 2]) != np.sign(goal[:, 2])).any() == passable
+    assert {*np.sign(start[:, 2])} == {-1, 1}
+
+
+def empty(**changes) -> tuple[SphereEnvironment, Scene]:
+    """A sphere without obstacles, whose every grid point is free."""
+    return published(grid=500, **changes), Scene(BLOCKS, "empty", Split.TRAIN, ())
+
+
+def looks_uniform(points: np.ndarray) -> bool:
+    """Archimedes: each coordinate is uniform; and the octants hold equal numbers."""
+    octants = np.unique((points > 0) @ [1, 2, 4], return_counts=True)[1]
+    tests = [kstest(points[:, axis], "uniform", args=(-1, 2)).pvalue for axis in range(3)]
+    return min(*tests, chisquare(octants).pvalue) > 1e-3
+
+
+def test_starts_and_goals_are_uniform():
+    """On an empty sphere starts and goals are uniform and independent, which normalised points of a cube are not."""
+    environment, scene = empty()
+    start, goal = ends(environment.problems(scene, 2000))
+    assert looks_uniform(start) and looks_uniform(goal)
+    assert kstest((start * goal).sum(axis=1), "uniform", args=(-1, 2)).pvalue > 1e-3
+    cube = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
+    assert not looks_uniform(cube / np.linalg.norm(cube, axis=1)[:, None])
+
+
+def test_radius_scales_everything():
+    """On a sphere of another radius starts, goals and blocks lie on that sphere."""
+    environment, scene = empty(radius=0.5, blocks=20)
+    np.testing.assert_allclose(np.linalg.norm(np.concatenate(ends(environment.problems(scene, 5))), axis=1), 0.5)
+    blocks = environment.scenes({Split.TRAIN: 1})[0].obstacles
+    np.testing.assert_allclose(np.linalg.norm([o.position for o in blocks], axis=1), 0.5)
+    assert environment.constraint().value(np.array([0.5, 0.0, 0.0])) == pytest.approx(0.0)
+
+
+def test_first_problems_are_the_same_for_every_count(blocks):
+    """A smaller number of problems are the first of a larger one; another scene or seed has others."""
+    environment = published(grid=5000)
+    few, many = environment.problems(blocks[0], 3), environment.problems(blocks[0], 8)
+    np.testing.assert_array_equal(ends(few), np.array(ends(many))[:, :3])
+    assert len(environment.problems(blocks[0], 0)) == 0
+    others = [environment.problems(blocks[1], 8), published(grid=5000, seed=1).problems(blocks[0], 8)]
+    starts = [tuple(q) for frame in (many, *others) for q in frame["start"]]
+    assert len(set(starts)) == 24
+
+
+def test_fibonacci_sphere_is_even():
+    """Neighbours on the flood fill's grid are about sqrt(4 pi / N) apart, and all points are on the unit sphere."""
+    grid = fibonacci_sphere(5000)
+    assert np.abs(np.linalg.norm(grid, axis=1) - 1).max() < 1e-12
+    spacing = cKDTree(grid).query(grid, k=2)[0][:, 1] / np.sqrt(4 * np.pi / 5000)
+    assert 0.6 < spacing.min() and spacing.max() < 1.1
+    cover = cKDTree(grid).query(on_sphere(np.random.default_rng(4), 20_000))[0].max()
+    assert cover < 0.9 * np.sqrt(4 * np.pi / 5000)
+
+
+NAN, INF = float("nan"), float("inf")
+WRONG = {
+    **dict.fromkeys(("radius", "robot_radius", "reach", "tolerance", "block_size", "latitude"), (0.0, -1.0, NAN, INF)),
+    **dict.fromkeys(("margin", "slack"), (-0.001, NAN, INF)),
+    **dict.fromkeys(("grid", "max_iterations"), (0, -1)),
+    **dict.fromkeys(("seed", "blocks"), (-1,)),
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        *(({name: value}, f"environment.{name} is {value}; it must be") for name in WRONG for value in WRONG[name]),
+        ({"reach": 0.9}, "environment.reach is 0.9 m; it must be above the radius, 1.0 m"),
+        ({"latitude": 1.1}, "environment.latitude is 1.1; it must be at most 1"),
+        ({"blocks": 2.5}, "environment.blocks is 2.5 (float); it must be of type int"),
+        ({"bandz": []}, "unknown key 'bandz' in environment; did you mean 'bands'?"),
+    ],
+)
+def test_wrong_parameters_are_refused(changes, said):
+    """A parameter out of its bounds is refused with its name, value and bound."""
+    with pytest.raises(ConfigError) as caught:
+        published(**changes)
+    assert str(caught.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"low": 0.3}, "low = 0.3 and high = 0.2"),
+        ({"low": 0.2}, "low must be below high"),
+        ({"low": float("nan")}, "low = nan"),
+        ({"gap_axis": "z"}, "band.gap_axis is 'z'; choices: x, y"),
+        ({"side": 0}, "band.side is 0; choices: -1, 1"),
+        ({"gap": 0.0}, "band.gap is 0.0 m; it must be above 0 m"),
+        ({"gap": float("nan")}, "band.gap is nan m"),
+    ],
+)
+def test_wrong_bands_are_refused(changes, said):
+    """A band with an empty range, no gap or an unknown side or axis is refused with the value."""
+    with pytest.raises(ConfigError) as caught:
+        Band(**{"low": -0.2, "high": 0.2, "gap_axis": "x", "side": 1, **changes})
+    assert said in str(caught.value)
+
+
+def test_negative_numbers_of_scenes_and_problems_are_refused():
+    """A negative number of scenes or problems is refused with its value."""
+    environment, scene = empty()
+    with pytest.raises(ConfigError, match=r"scenes\.test is -1; it must be at least 0"):
+        environment.scenes({Split.TRAIN: 1, Split.TEST: -1})
+    with pytest.raises(ConfigError, match="number of problems is -1; it must be at least 0"):
+        environment.problems(scene, -1)
+
+
+def test_scene_without_room_is_refused(scenes):
+    """A scene that leaves no free state at the margin is refused by its name."""
+    with pytest.raises(ProblemError, match=r"scene 'bands' has no free space at a margin of 1\.003 m"):
+        published(margin=1.0, grid=500).problems(scenes[-1], 1)
+
+
+def test_robot_reaches_as_far_as_it_says():
+    """The point mass has three joints within +-reach and a frame that the constraint holds on the sphere."""
+    environment = published()
+    robot = environment.robot()
+    assert robot.lower.tolist() == [-1.1] * 3 and robot.upper.tolist() == [1.1] * 3
+    constraint = environment.constraint()
+    q = np.array([0.6, 0.0, 0.7])
+    assert constraint.value(q) == pytest.approx(np.linalg.norm(q) - 1)
+    assert constraint.tolerance == environment.tolerance
+    with pytest.raises(RobotError, match="no frame 'hand'"):
+        published(frame="hand").constraint()

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pipeline.constraints import Constraint
-from pipeline.manifolds import AdherenceParameters, Stop
+from pipeline.manifolds import Stop
 from pipeline.robots import Validity
 from tests.manifolds.literal import LiteralAtlas, World, continuation_walk, projection_walk
-from tests.manifolds.spaces import METHODS, arm_world, blocks, make, point_world, torus_points
+from tests.manifolds.spaces import CHARTED, METHODS, arm_world, blocks, make, point_world, torus_points
 from tests.robots.worlds import on_sphere
 
 
@@ -55,27 +55,27 @@ def test_walk_of_an_arm_is_the_algorithm(rows, method):
     assert Stop.REACHED in stops
 
 
+SETTINGS = [
+    ({"leap": 1.0002}, Stop.LEAP),
+    ({"wander": 1.05}, Stop.WANDERED),
+    ({"max_steps": 7}, Stop.STEP_LIMIT),
+    ({"step": 0.2, "resolution": 0.2}, Stop.REACHED),
+    ({"step": 0.1, "resolution": 0.03}, Stop.REACHED),
+]
+CHART_SETTINGS = [
+    ({"step": 0.1, "resolution": 0.03, "epsilon": 0.05}, Stop.REACHED),
+    ({"epsilon": 0.04, "rho": 0.11}, Stop.REACHED),
+    ({"epsilon": 0.04, "alpha": 0.1}, Stop.REACHED),
+    ({"max_charts": 9}, Stop.NO_CHART),
+]
+
+
 @pytest.mark.parametrize(
-    "settings, stop",
-    [
-        ({"leap": 1.0002}, Stop.LEAP),
-        ({"wander": 1.05}, Stop.WANDERED),
-        ({"max_steps": 7}, Stop.STEP_LIMIT),
-        ({"step": 0.2, "resolution": 0.2}, Stop.REACHED),
-        ({"step": 0.1, "resolution": 0.03, "epsilon": 0.05}, Stop.REACHED),
-        ({"epsilon": 0.04, "rho": 0.11}, Stop.REACHED),
-        ({"epsilon": 0.04, "alpha": 0.1}, Stop.REACHED),
-        ({"max_charts": 9}, Stop.NO_CHART),
-    ],
+    "method, settings, stop",
+    [(method, *case) for method in METHODS for case in SETTINGS + CHART_SETTINGS * (method in CHARTED)],
 )
-@pytest.mark.parametrize("method", METHODS)
 def test_parameters_are_those_of_the_algorithm(method, settings, stop):
-    """Whatever the parameters, walks are the literal ones, and each parameter is one that makes a difference."""
-    own = {name for name in settings if name in AdherenceParameters.__dataclass_fields__}
-    if method == "projection":
-        if not own:
-            pytest.skip("a parameter of charts")
-        settings = {name: settings[name] for name in own}
+    """Whatever the parameters, walks are the literal ones, and those that limit a walk do."""
     rng = np.random.default_rng(2)
     constraint, validity, world = point_world("torus", [])
     points = torus_points(rng, 20)

@@ -1,0 +1,166 @@
+"""The CoMPNetX sampler brings the network's proposals onto the manifold and gives way to the classical sampler."""
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.errors import ArtifactError, ConfigError, ProblemError
+from pipeline.learning import CompnetxNetwork, Model, NetworkParameters, Normalisation
+from pipeline.learning.networks import Compnetx
+from pipeline.manifolds import Adherence
+from pipeline.samplers import Sampler, UniformSampler
+from pipeline.samplers.choices import Learned, make_sampler
+from pipeline.samplers.compnetx import CompnetxSampler
+from pipeline.schema import Choice
+from tests.manifolds.spaces import METHODS, sphere_space
+from tests.robots.worlds import on_sphere
+
+VOXELS = {name: np.random.default_rng(i).random((11, 11, 11)) < 0.3 for i, name in enumerate(("kitchen", "bar"))}
+
+
+@pytest.fixture(scope="module")
+def network() -> CompnetxNetwork:
+    """An untrained network whose answers are spread over the whole cube and beyond."""
+    torch.manual_seed(0)
+    sizes = NetworkParameters(dimension=3, grid=11, scene_hidden=8, scene_code=8, hidden=(16, 8), dropout_layers=2)
+    weights = Compnetx(sizes).eval()
+    with torch.no_grad():
+        weights.generator.output.weight *= 8
+    return CompnetxNetwork(Model(sizes, Normalisation((-1.5,) * 3, (1.5,) * 3), weights))
+
+
+def started(network, method="projection", seed=0, batch=20, n_ismp=500, scene="kitchen", **space) -> CompnetxSampler:
+    sampler = CompnetxSampler(network, VOXELS, batch, n_ismp)
+    sampler.start(begun(method, **space), np.random.default_rng(seed), scene)
+    return sampler
+
+
+def begun(method: str, **settings) -> Adherence:
+    space = sphere_space(method, **settings)
+    space.anchor(np.array([1.0, 0.0, 0.0]))
+    return space
+
+
+def ask(sampler: Sampler, count: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return sampler.sample(on_sphere(rng, count), on_sphere(rng, count))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_are_on_the_manifold_within_bounds(network, method):
+    """Samples lie on the sphere and below a ceiling that cuts it; proposals beyond are dropped, the rest is counted."""
+    sampler = started(network, method, upper=(1.5, 1.5, 0.2))
+    found = [ask(sampler, 20, seed) for seed in range(10)]
+    together = np.concatenate(found)
+    assert np.abs(np.linalg.norm(together, axis=1) - 1).max() < 1e-3
+    assert together[:, 2].max() <= 0.2
+    assert all(len(samples) <= 20 for samples in found) and 20 < len(together) < 200
+    counters = sampler.counters
+    assert (counters.samples, counters.fallback_samples) == (len(together), 0)
+    assert (counters.network_calls, counters.projections) == (10, 200)
+
+
+def test_samples_are_the_projected_proposals(network):
+    """A sample is the point of the sphere in the direction of the network's proposal for the same pair and stream."""
+    sampler = started(network, seed=4)
+    found = ask(sampler, 20)
+    rng = np.random.default_rng(1)
+    proposals = network.sample("kitchen", on_sphere(rng, 20), on_sphere(rng, 20), np.random.default_rng(4))
+    assert np.linalg.norm(proposals, axis=1).std() > 0.1
+    np.testing.assert_allclose(found, proposals / np.linalg.norm(proposals, axis=1)[:, None], atol=1e-3)
+
+
+def test_equal_seeds_give_equal_samples(network):
+    """The same seed gives the same samples, also through the change to the classical sampler; another seed others."""
+    runs = [
+        np.concatenate([ask(sampler, 5) for _ in range(4)])
+        for sampler in (started(network, seed=seed, n_ismp=2) for seed in (7, 7, 8))
+    ]
+    np.testing.assert_array_equal(runs[0], runs[1])
+    assert not np.isin(runs[2], runs[0]).any()
+
+
+def test_samples_depend_on_the_scene_and_the_ends(network):
+    """In another scene, or between other configurations, the network answers otherwise under the same chance."""
+    samples = [ask(started(network), 20), ask(started(network, scene="bar"), 20), ask(started(network), 20, seed=2)]
+    assert not np.isin(samples[1], samples[0]).any() and not np.isin(samples[2], samples[0]).any()
+
+
+@pytest.mark.parametrize("n_ismp", [0, 3])
+def test_after_n_ismp_calls_only_fallback_samples(network, n_ismp):
+    """The network answers the first N_ismp calls and no more; what the classical sampler gives then is counted."""
+    sampler = started(network, n_ismp=n_ismp)
+    from_network = sum(len(ask(sampler, 20)) for _ in range(n_ismp))
+    assert sampler.counters.network_calls == n_ismp and sampler.counters.fallback_samples == 0
+    classical = np.concatenate([ask(sampler, 20) for _ in range(4)])
+    assert sampler.counters.network_calls == n_ismp
+    assert sampler.counters.fallback_samples == len(classical) == 80
+    assert sampler.counters.samples == from_network + 80
+    assert np.abs(np.linalg.norm(classical, axis=1) - 1).max() < 1e-3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_without_calls_of_the_network_it_is_the_uniform_sampler(network, method):
+    """With N_ismp = 0 the samples are those of the uniform sampler from the same stream, one for one."""
+    sampler = started(network, method, seed=5, n_ismp=0)
+    uniform = UniformSampler()
+    uniform.start(begun(method), np.random.default_rng(5), "kitchen")
+    for count in (1, 20, 7, 40):
+        np.testing.assert_array_equal(ask(sampler, count), ask(uniform, count))
+
+
+def test_start_begins_anew(network):
+    """Bound to a problem again, the network answers again, and the samples repeat from the first."""
+    sampler = started(network, seed=6, n_ismp=1)
+    first = [ask(sampler, 4) for _ in range(2)]
+    space = begun("projection")
+    sampler.start(space, np.random.default_rng(6), "kitchen")
+    np.testing.assert_array_equal([ask(sampler, 4) for _ in range(2)], first)
+    assert (space.counters.network_calls, space.counters.fallback_samples) == (1, 4)
+
+
+def test_time_in_the_network_is_counted(network):
+    """The time inside the network grows with its calls and not with those of the classical sampler."""
+    sampler = started(network, n_ismp=2)
+    times = [sampler.network_time]
+    for _ in range(4):
+        ask(sampler, 20)
+        times.append(sampler.network_time)
+    assert 0 < times[0] < times[1] < times[2] == times[3] == times[4]
+
+
+@pytest.mark.parametrize("scene", ["garden", None])
+def test_unknown_scene_is_refused(network, scene):
+    """A scene without voxels is refused with its name and some that there are."""
+    with pytest.raises(ProblemError, match=rf"no voxels of scene {scene!r}; it has \['bar', 'kitchen'\]"):
+        started(network, scene=scene)
+
+
+def test_voxels_of_another_size_are_refused(network):
+    """A grid that does not fit the network is refused with both sizes."""
+    sampler = CompnetxSampler(network, {"large": np.zeros((40, 40, 40), bool)}, 1, 1)
+    with pytest.raises(ArtifactError, match=r"'large' are \(40, 40, 40\); the network expects \(11, 11, 11\)"):
+        sampler.start(begun("projection"), np.random.default_rng(0), "large")
+
+
+@pytest.mark.parametrize(
+    ("batch", "n_ismp", "said"), [(0, 1, "batch is 0; it must be at least 1"), (1, -1, "n_ismp is -1")]
+)
+def test_wrong_parameters_are_refused(network, batch, n_ismp, said):
+    """A batch of none, or a negative number of calls, is refused with its name and value."""
+    with pytest.raises(ConfigError, match=rf"sampler\.{said}"):
+        CompnetxSampler(network, VOXELS, batch, n_ismp)
+
+
+def test_samplers_by_name(network):
+    """A choice becomes its sampler with its parameters; a learned one needs a network, an unknown one is refused."""
+    learned = Learned(network, VOXELS)
+    uniform = make_sampler(Choice("uniform", {"batch": 5, "block": 6}))
+    assert isinstance(uniform, UniformSampler) and (uniform.batch, uniform.block) == (5, 6) and not uniform.informed
+    made = make_sampler(Choice("compnetx", {"batch": 7, "n_ismp": 8}), learned)
+    assert isinstance(made, CompnetxSampler) and (made.batch, made.n_ismp) == (7, 8) and made.informed
+    assert made.network is network and made.voxels is VOXELS
+    with pytest.raises(ConfigError, match="sampler 'compnetx' needs a trained network: run the train stage"):
+        make_sampler(Choice("compnetx"))
+    with pytest.raises(ConfigError, match="sampler is 'sobol'; choices: compnetx, uniform"):
+        make_sampler(Choice("sobol"), learned)
