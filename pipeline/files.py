@@ -93,6 +93,9 @@ def read_table(path: Path, schema: str) -> pd.DataFrame:
 
 def write_arrays(arrays: Mapping[str, np.ndarray], path: Path, schema: str) -> None:
     """Write named arrays as one compressed npz with its schema name and version inside."""
+    taken = sorted({"schema", "version"} & set(arrays))
+    if taken:
+        raise ArtifactError(f"{path}: arrays may not be called {taken}, these names are the header's")
     with atomic_file(path) as temporary, open(temporary, "wb") as stream:
         content: dict[str, Any] = {"schema": np.array(schema), "version": np.array(VERSION), **arrays}
         np.savez_compressed(stream, **content)
@@ -148,6 +151,7 @@ def digest(*parts: Any) -> str:
             state.update(part.read_bytes())
         else:
             state.update(json.dumps(part, sort_keys=True, default=str).encode())
+        state.update(b"\0")  # (1, 23) is not (12, 3)
     return state.hexdigest()[:16]
 
 

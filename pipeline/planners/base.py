@@ -179,7 +179,12 @@ class Planner(ABC):
         sampler.start(space, np.random.default_rng(seed), problem.scene)
         space.anchor(problem.start)
         space.anchor(problem.goal)
-        status, path = self._search(problem, sampler, termination, clock)
+        status: PlanStatus
+        path: np.ndarray | None
+        if np.array_equal(problem.start, problem.goal):
+            status, path = PlanStatus.SOLVED, np.array(problem.start, float)[None]
+        else:
+            status, path = self._search(problem, sampler, termination, clock)
         elapsed = clock.elapsed
         return PlanResult(
             status=status,

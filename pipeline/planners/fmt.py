@@ -14,6 +14,7 @@ from pipeline.samplers.base import Sampler
 
 _UNVISITED, _OPEN, _CLOSED = 0, 1, 2
 _START, _GOAL = 0, 1
+_BARREN = 100  # calls in a row without a free sample after which there is nothing to sample
 _TRIES = 5  # neighbours a late sample tries before it is left for the wave: most of the dear ones are blocked too
 
 
@@ -75,11 +76,15 @@ class FmtStar(Planner):
         goals = np.repeat(problem.goal[None], K, axis=0)
         current = goals
         if sampler.informed:
-            current = self._random_free(space, sampler, K, clock)
-            current[: round(self.from_start * K)] = problem.start
-        while len(found) < self.samples and not clock.out_of_time():
+            current = np.repeat(problem.start[None], K, axis=0)
+            first = round(self.from_start * K)
+            spread = self._random_free(space, sampler, K - first, clock)
+            current[first : first + len(spread)] = spread
+        barren = 0
+        while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
             proposals = sampler.sample(current, goals)
             free = [space.validity.collision_free(q) for q in proposals]
+            barren = 0 if any(free) else barren + 1
             found += [q for q, is_free in zip(proposals, free, strict=True) if is_free]
             if sampler.informed:
                 onward = np.array(free, bool) & (np.linalg.norm(proposals - problem.goal, axis=1) > self.arrive)
@@ -92,8 +97,11 @@ class FmtStar(Planner):
     def _random_free(self, space: Adherence, sampler: Sampler, count: int, clock: Clock) -> np.ndarray:
         """Return up to `count` free configurations spread over the manifold (m, n)."""
         found: list[np.ndarray] = []
-        while len(found) < count and not clock.out_of_time():
-            found += [q for q in space.sample(sampler.rng, count - len(found)) if space.validity.collision_free(q)]
+        barren = 0
+        while len(found) < count and barren < _BARREN and not clock.out_of_time():
+            free = [q for q in space.sample(sampler.rng, count - len(found)) if space.validity.collision_free(q)]
+            barren = 0 if free else barren + 1
+            found += free
         return np.array(found).reshape(-1, space.dimension)
 
     def _sample_again(self, problem: Problem, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:

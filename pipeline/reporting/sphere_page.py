@@ -145,9 +145,10 @@ def _shares(trials: pd.DataFrame) -> list[str]:
             if ours.empty or theirs.empty:
                 continue
             network, whole = 1e3 * ours["network_time"].median(), 1e3 * theirs["planning_time"].median()
+            together = 1e3 * ours["planning_time"].median()
             said.append(
                 f"- {scenario}: {escape(classical)} plans in {whole:.1f} ms; the network alone takes {network:.1f} ms "
-                f"of {escape(learned)}'s {1e3 * ours['planning_time'].median():.1f} ms, which is {network / whole:.0%} of "
+                f"of {escape(learned)}'s {together:.1f} ms, which is {network / whole:.0%} of "
                 f"the whole classical plan. Collision checks: {ours['collision_checks'].median():.0f} against "
                 f"{theirs['collision_checks'].median():.0f}; path length {ours['path_length'].median():.3f} m against "
                 f"{theirs['path_length'].median():.3f} m (medians over all adherence methods)."
