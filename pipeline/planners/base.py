@@ -182,7 +182,7 @@ class Planner(ABC):
         status: PlanStatus
         path: np.ndarray | None
         if np.array_equal(problem.start, problem.goal):
-            status, path = PlanStatus.SOLVED, np.array(problem.start, float)[None]
+            status, path = PlanStatus.SOLVED, np.stack([problem.start, problem.goal])
         else:
             status, path = self._search(problem, sampler, termination, clock)
         elapsed = clock.elapsed
