@@ -19,6 +19,7 @@ from pipeline.config import compose, load
 from pipeline.constraints import sphere_constraint
 from pipeline.environments import ENVIRONMENTS
 from pipeline.errors import ConfigError
+from pipeline.evaluation.choices import variants
 from pipeline.learning.recipe import Recipe
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS
@@ -28,7 +29,7 @@ from pipeline.samplers.choices import Learned, make_sampler
 from pipeline.schema import Choice
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
-STAGES = sorted(path.stem for path in CONF.glob("*.yaml"))  # and what runs beside the pipeline
+STAGES = sorted(path.stem for path in CONF.glob("*.yaml") if path.stem != "bench")  # which has fixed opponents
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "hydra")
 
 
@@ -76,15 +77,17 @@ def make(where: tuple[str, ...], choice: Choice) -> Any:
     return make_adherence(choice, sphere_constraint(robot, "point"), Validity(robot, ()))
 
 
-def convert_all(stage: str, plain: Any, skip: tuple[str, ...] = ()) -> Any:
+def convert_all(stage: str, plain: Any, skip: tuple[str, ...] = ()) -> None:
     """Convert a configuration as the stage does and make all its parts; `skip` leaves out those of a group."""
     config = load(plain, schema(stage))
-    for where, choice in parts(config):
-        if not set(where) & set(skip):
-            make(where, choice)
+    found = list(parts(config))
     if isinstance(config, Recipe):
         config.parameters()
-    return config
+    if stage == "choices":  # whose methods are variants of those it names
+        found += parts(variants(config.bases, config.variants))
+    for where, choice in found:
+        if not set(where) & set(skip):
+            make(where, choice)
 
 
 def leaves(value: Any, where: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
@@ -120,7 +123,8 @@ def test_every_choice_composes_and_converts(stage):
 
 
 def test_every_file_is_read_by_a_stage():
-    """Every file of a group can be chosen in some stage, and every choice of every group makes what it names."""
+    """Every file of a group can be chosen in some stage and makes what it names; so does what the benchmarks read."""
+    convert_all("bench", compose("bench"))
     read = {key.partition("@")[0] for stage in STAGES for key in choices_of(stage)}
     assert read == set(GROUPS)
     for group in ("adherence", "environment", "planner", "sampler"):
@@ -129,7 +133,7 @@ def test_every_file_is_read_by_a_stage():
             make((group,), choice)
 
 
-@pytest.mark.parametrize("path", sorted(CONF.glob("*/*.yaml")) + sorted(CONF.glob("*.yaml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", sorted(CONF.rglob("*.yaml")), ids=lambda p: p.stem)
 def test_files_say_what_they_are(path):
     """Every file begins with a comment, a stage's with the command that runs it; `name` is the name of the file."""
     comment = re.match("(# .*\n)+", path.read_text()).group()
@@ -196,11 +200,12 @@ def test_wrong_values_are_named(stage, override, said):
 
 
 # Judged later by what uses them: how many processes and pieces (run_shards, shards), the spacing of the pairs
-# (demonstration_pairs), and the numbers of a sweep's trials (Experiment, pick).
+# (demonstration_pairs), and the numbers of trials (Experiment, pick).
 LATER = {
     "demonstrations": {"workers", "shard"},
     "scenes": {"workers"},
     "benchmark": {"workers", "shard"},
+    "choices": {"workers", "shard", "seed", "time_limit"},
     "train": {"spacing"},
     "tune": {"spacing", "time_limit", "trial_seed", "problems_per_scene"},
     "voxels": {"perception.voxels.shell.1"},  # see test_thickness_of_the_shell_is_a_number
@@ -228,10 +233,9 @@ def test_no_number_may_be_nan_or_negative(stage):
     assert accepted <= LATER.get(stage, set())
 
 
-@pytest.mark.parametrize(("scale", "names"), [(ScenesScale, 6), (TrainScale, 1), (BenchmarkScale, 3)])
-def test_scales_are_positive(scale, names):
+@pytest.mark.parametrize("scale", [ScenesScale, TrainScale, BenchmarkScale])
+def test_scales_are_positive(scale):
     """A profile's number of anything must be above 0; which one is not is named with its section."""
-    assert len(fields(scale)) == names
     section = scale.__name__.removesuffix("Scale").lower()
     for f in fields(scale):
         for value in (0, -1):
