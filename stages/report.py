@@ -1,6 +1,5 @@
 """Write the pages a reader sees."""
 
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from pipeline import reporting
-from pipeline.config import ROOT, load
+from pipeline.config import load
 from pipeline.environments import read_scenes
 from pipeline.files import atomic_entries, read_arrays, read_json, read_table
 from pipeline.profile import Profile
@@ -39,14 +38,15 @@ def main(cfg: DictConfig) -> None:
         curves = pd.read_csv(folder(config.profile.name, "train", name) / "curves.csv")
         scenes = read_scenes(folder(config.profile.name, "scenes", name))
         obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
+        machine = read_json(benchmark / "hardware.json", "hardware")
         provenance = reporting.Provenance(
-            _commit(),
+            str(machine.pop("commit")),  # of what was measured, not of what draws it
             config.profile.name,
             {
                 stage: f"make repro PROFILE={config.profile.name}"
                 for stage in ("benchmark", "train", "choices", "report")
             },
-            read_json(benchmark / "hardware.json", "hardware"),
+            machine,
         )
         choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
         figures = out / name  # beside the page, which links to it by this name
@@ -59,11 +59,6 @@ def main(cfg: DictConfig) -> None:
         summary = reporting.sphere_summary(trials, pictures, provenance)
         reporting.write(reporting.index("Reports", [(f"{name}.md", summary)], provenance), out / "README.md")
         write_layout(out / "layout.json", 3)
-
-
-def _commit() -> str:
-    found = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True)
-    return found.stdout.strip() if found.returncode == 0 else "unknown"
 
 
 if __name__ == "__main__":

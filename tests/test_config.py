@@ -202,13 +202,13 @@ def test_wrong_values_are_named(stage, override, said):
 # Judged later by what uses them: how many processes and pieces (run_shards, shards), the spacing of the pairs
 # (demonstration_pairs), and the numbers of trials (Experiment, pick).
 LATER = {
-    "demonstrations": {"workers", "shard"},
-    "scenes": {"workers"},
-    "benchmark": {"workers", "shard"},
-    "choices": {"workers", "shard", "seed", "time_limit"},
-    "train": {"spacing"},
-    "tune": {"spacing", "time_limit", "trial_seed", "problems_per_scene"},
-    "voxels": {"perception.voxels.shell.1"},  # see test_thickness_of_the_shell_is_a_number
+    "demonstrations": ("workers", "shard"),
+    "scenes": ("workers",),
+    "benchmark": ("workers", "shard"),
+    "choices": ("workers", "shard", "seed", "time_limit", "experiment."),
+    "train": ("spacing",),
+    "tune": ("spacing", "time_limit", "trial_seed", "problems_per_scene"),
+    "voxels": ("perception.voxels.shell.1",),  # see test_thickness_of_the_shell_is_a_number
 }
 
 
@@ -217,7 +217,7 @@ def test_no_number_may_be_nan_or_negative(stage):
     """Whichever number of a configuration is NaN, or whichever integer negative, it is refused when converted."""
     plain = OmegaConf.to_container(compose(stage), resolve=True)
     convert_all(stage, plain)
-    accepted = set()
+    accepted = []
     for where, value in leaves(plain):
         bad = {float: float("nan"), int: -2}.get(type(value))
         if bad is None:
@@ -229,8 +229,8 @@ def test_no_number_may_be_nan_or_negative(stage):
         except ConfigError as error:
             assert "\n" not in str(error)
         else:
-            accepted.add(".".join(map(str, where)))
-    assert accepted <= LATER.get(stage, set())
+            accepted.append(".".join(map(str, where)))
+    assert [name for name in accepted if not name.startswith(LATER.get(stage, ()))] == []
 
 
 @pytest.mark.parametrize("scale", [ScenesScale, TrainScale, BenchmarkScale])

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import subprocess
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,9 @@ PACKAGES = ("ompl", "pin", "coal", "casadi", "torch", "numpy", "scipy", "lightni
 
 
 def hardware() -> dict[str, Any]:
-    """Return processor, usable cores, memory, Python, platform and the versions that matter."""
+    """Return the commit, processor, usable cores, memory, Python, platform and the versions that matter."""
     return {
+        "commit": _commit(),
         "cpu": _first(Path("/proc/cpuinfo"), "model name") or platform.processor() or "unknown",
         "cores": len(os.sched_getaffinity(0)),
         "memory": _first(Path("/proc/meminfo"), "MemTotal") or "unknown",
@@ -19,6 +21,13 @@ def hardware() -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": {name: version(name) for name in PACKAGES},
     }
+
+
+def _commit() -> str:
+    found = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=Path(__file__).parent, capture_output=True, text=True
+    )
+    return found.stdout.strip() if found.returncode == 0 else "unknown"
 
 
 def _first(path: Path, key: str) -> str | None:

@@ -63,12 +63,13 @@ def test_demonstrations_repeat(environment, scene, problems, paths):
     assert other["path"][0].tolist() != paths["path"][0].tolist()
 
 
-def test_problems_without_a_plan_are_counted(environment, scene, problems):
-    """A start inside a block is refused and said so, an exhausted search is not solved; neither ends the work."""
-    starts = [*problems["start"][:3]]
-    starts[1] = np.array(scene.obstacles[0].position)
-    broken = problems.iloc[:3].assign(start=starts)
-    found = demonstrate(published(max_iterations=1), environment, {scene.name: scene}, broken)
+def test_problems_without_a_plan_are_counted(environment):
+    """A start inside an obstacle is refused and said so, an exhausted search is not solved; neither ends the work."""
+    bands = environment.scenes({})[0]
+    north, south, inside = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
+    rows = [("bands", bands.name, "test", i, start, south) for i, start in enumerate((north, inside, north))]
+    broken = pd.DataFrame(rows, columns=["scenario", "scene", "split", "problem", "start", "goal"])
+    found = demonstrate(published(max_iterations=1), environment, {bands.name: bands}, broken)
     assert found["problem"].tolist() == [0, 1, 2]
     assert found["status"].tolist() == ["iteration limit", "refused", "iteration limit"]
     assert not found["solved"].any()

@@ -1,0 +1,356 @@
+"""Stages refuse bad input in one line and write nothing; what they write depends on the seeds alone."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.config import ROOT
+from pipeline.files import read_arrays, read_table, write_arrays, write_table
+
+# Starts stages as the command line does, each in a process of its own, but imports torch once for all of them and saves
+# the second that Python takes to clean up behind it.
+SERVER = """
+import json, os, runpy, sys, traceback
+import casadi, coal, hydra, joblib, lightning, pandas, pinocchio, pyarrow.parquet, scipy.spatial, torch
+for line in sys.stdin:
+    script, arguments, folder = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        os.chdir(folder)
+        for descriptor, name in ((1, "stdout"), (2, "stderr")):
+            os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), descriptor)
+        sys.argv, sys.path[0] = [script, *arguments], os.path.dirname(script)
+        status = 1
+        try:
+            runpy.run_path(script, run_name="__main__")
+            status = 0
+        except SystemExit as ended:
+            status = ended.code
+        except BaseException:
+            traceback.print_exc()
+        sys.stdout.flush(), sys.stderr.flush()
+        os._exit(status)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+TINY = [
+    *("profile.name=tiny", "profile.scenes.train=1", "profile.scenes.validation=1", "profile.scenes.test=1"),
+    *(
+        "profile.scenes.pairs=10",
+        "profile.scenes.test_pairs=1",
+        "profile.scenes.band_pairs=1",
+        "profile.train.epochs=1",
+    ),
+    *("profile.benchmark.problems_per_scene=1", "profile.benchmark.band_problems=1"),
+    *("environment.parameters.blocks=100", "environment.parameters.grid=3000"),
+]
+STAGE = {  # what else makes a stage quick
+    "scenes": ["workers=1"],
+    "demonstrations": ["workers=1", "shard=1", "oracle.shortcuts=40"],
+    "voxels": ["perception.voxels.size=11"],
+    "train": ["model.network.grid=11", "model.network.hidden=[16,8]", "model.network.dropout_layers=2", "threads=1"],
+    "benchmark": ["experiment.time_limit=1.0", "experiment.methods.fmt.planner.parameters.samples=10"],
+    "choices": [],
+    "report": ["output=artifacts/tiny/report"],
+}
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a stage ended."""
+
+    status: int
+    stdout: str
+    stderr: str
+
+
+Run = Callable[..., Ended]
+
+
+def command(stage: str, *more: str) -> list[str]:
+    """Return script and arguments of a tiny run of a stage; those in `more` take the place of others."""
+    replaced = {setting.partition("=")[0] for setting in more}
+    settings = [setting for setting in (*TINY, *STAGE[stage]) if setting.partition("=")[0] not in replaced]
+    if stage == "report":
+        settings = [setting for setting in settings if not setting.startswith("environment")]
+    return [str(ROOT / "stages" / f"{stage}.py"), *settings, *more]
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """Run a tiny stage in a folder to its end."""
+    server = subprocess.Popen(
+        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT
+    )
+
+    def start(stage: str, folder: Path, *more: str) -> Ended:
+        script, *arguments = command(stage, *more)
+        server.stdin.write(json.dumps([script, arguments, str(folder)]) + "\n")
+        server.stdin.flush()
+        status = int(server.stdout.readline())
+        out, err = ((folder / name).read_text() for name in ("stdout", "stderr"))
+        return Ended(status, out, err)
+
+    yield start
+    server.stdin.close()
+    server.wait()
+
+
+def started(stage: str, folder: Path, *more: str) -> subprocess.Popen:
+    """Start a tiny stage in a folder as a user does."""
+    return subprocess.Popen(
+        [sys.executable, *command(stage, *more)], cwd=folder, env=ENVIRONMENT, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+
+
+def ended(process: subprocess.Popen) -> Ended:
+    out, err = process.communicate()
+    return Ended(process.returncode, out, err)
+
+
+@pytest.fixture(scope="module")
+def chain(run, tmp_path_factory) -> Path:
+    """A folder in which the stages up to training have run; the controls of everything that is broken below."""
+    folder = tmp_path_factory.mktemp("chain")
+    for stage in ("scenes", "demonstrations", "voxels", "train"):
+        done = run(stage, folder)
+        assert (done.status, done.stderr) == (0, ""), f"{stage}: {done.stderr}"
+    return folder
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted((folder / "artifacts").rglob("*")) if p.is_file()
+    }
+
+
+def damage(folder: Path, how: str) -> None:
+    """Damage one file as `how` says: '<what> <file below artifacts/tiny>'."""
+    what, _, name = how.partition(" ")
+    path = folder / "artifacts" / "tiny" / name
+    if what == "remove":
+        path.unlink()
+    elif what == "truncate":
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    elif what == "foreign":
+        pd.DataFrame({"x": [1.0]}).to_parquet(path)
+    elif what == "scribble":
+        path.write_bytes(b"\x89PNG\r\n" + bytes(200))
+    elif what == "unsolved":
+        write_table(read_table(path, "paths").assign(solved=False), path, "paths")
+    elif what == "resize":
+        grids = read_arrays(path, "voxels")
+        write_arrays({**grids, "voxels": np.zeros((len(grids["scene"]), 13, 13, 13), bool)}, path, "voxels")
+    else:
+        assert what == "lengthen"
+        problems = read_table(path, "problems")
+        write_table(problems.assign(goal=[[0.0, 0.0, 1.0, 0.0]] * len(problems)), path, "problems")
+
+
+SCENES, PROBLEMS = "scenes/sphere/scenes.parquet", "scenes/sphere/problems.parquet"
+PATHS, VOXELS, MODEL = "demonstrations/sphere/paths.parquet", "voxels/sphere/voxels.npz", "train/sphere/model.pt"
+MISSING, UNREADABLE = "does not exist: run the stage that writes it (`dvc repro`)", "(truncated or foreign)"
+METHOD = "experiment.methods.compnetx_rrtconnect"
+
+
+@pytest.mark.parametrize(
+    ("stage", "broken", "said"),
+    [
+        # The command line.
+        ("scenes", "+worker=2", ["ConfigError: unknown key 'worker'", "mean 'workers'?", "Valid keys: profile"]),
+        ("train", "+model.network.grids=2", ["ConfigError", "unknown key 'grids' in model.network", "'grid'?"]),
+        ("scenes", "environment.kind=cube", ["ConfigError: environment is 'cube'; choices: sphere"]),
+        ("demonstrations", "oracle.planner.kind=prm", ["ConfigError: oracle.planner is 'prm'; choices: fmt, rrt"]),
+        ("demonstrations", "oracle.adherence.kind=at", ["ConfigError: adherence is 'at'; choices: atlas, projection"]),
+        ("benchmark", f"{METHOD}.planner.kind=prm", ["ConfigError", ".planner is 'prm'; choices: fmt, rrt"]),
+        ("benchmark", f"{METHOD}.sampler.kind=sobol", ["ConfigError: sampler is 'sobol'; choices: compnetx, uniform"]),
+        ("scenes", "environment.parameters.blocks=-3", ["ConfigError: environment.blocks is -3; it must be"]),
+        ("scenes", "profile.scenes.test=-1", ["ConfigError: profile.scenes.test is -1; it must be above 0"]),
+        ("scenes", "workers=-1", ["ConfigError: workers is -1; it must be at least 0"]),
+        ("demonstrations", "shard=0", ["ConfigError: shard is 0; it must be at least 1"]),
+        ("train", "profile.train.epochs=0", ["ConfigError: profile.train.epochs is 0; it must be above 0"]),
+        ("scenes", "environment.parameters.margin=nan", ["ConfigError: environment.margin is nan"]),
+        ("train", "spacing=nan", ["ConfigError: spacing is nan"]),
+        ("voxels", "perception.seed=-1", ["ConfigError: perception.seed is -1"]),
+        ("benchmark", "cloud=-5", ["ConfigError: cloud is -5; it must be at least 1"]),
+        ("scenes", "environment.parameters.blocks=0", ["ProblemError: scene 'blocks-train-000' has no obstacles"]),
+        ("scenes", "environment.parameters.margin=3", ["ProblemError: scene 'blocks-train-000' has no free space"]),
+        ("scenes", "workers=${nowhere}", ["ConfigError", "be resolved", "'nowhere' not found full_key: workers"]),
+        # What earlier stages left.
+        ("demonstrations", f"remove {SCENES}", ["ArtifactError", SCENES, MISSING]),
+        ("demonstrations", f"remove {PROBLEMS}", ["ArtifactError", PROBLEMS, MISSING]),
+        ("demonstrations", f"truncate {PROBLEMS}", ["ArtifactError", PROBLEMS, "not a readable parquet", UNREADABLE]),
+        ("demonstrations", f"foreign {PROBLEMS}", ["ArtifactError", PROBLEMS, "schema 'none', expected 'problems'"]),
+        ("demonstrations", f"lengthen {PROBLEMS}", ["ArtifactError", PROBLEMS, "goal of row 0", "expected 3 finite"]),
+        ("voxels", f"truncate {SCENES}", ["ArtifactError", SCENES, "not a readable parquet", UNREADABLE]),
+        ("voxels", f"foreign {SCENES}", ["ArtifactError", SCENES, "holds schema 'none', expected 'scenes'"]),
+        ("train", f"remove {VOXELS}", ["ArtifactError", VOXELS, MISSING]),
+        ("train", f"truncate {VOXELS}", ["ArtifactError", VOXELS, "not a readable npz", UNREADABLE]),
+        ("train", f"truncate {PATHS}", ["ArtifactError", PATHS, UNREADABLE]),
+        ("train", f"unsolved {PATHS}", ["ArtifactError: no validation scene has a solved demonstration"]),
+        ("train", f"resize {VOXELS}", ["ConfigError: voxels have shape (4, 13, 13, 13)", "(S, 11, 11, 11)"]),
+        ("benchmark", f"remove {MODEL}", ["ArtifactError", MODEL, "does not exist"]),
+        ("benchmark", f"truncate {MODEL}", ["ArtifactError", MODEL, "truncated or foreign"]),
+        ("benchmark", f"scribble {MODEL}", ["ArtifactError", MODEL, "truncated or foreign"]),
+        ("benchmark", f"resize {VOXELS}", ["ArtifactError: voxels of scene", "are (13, 13, 13)", "(11, 11, 11)"]),
+        ("choices", f"remove {MODEL}", ["ArtifactError", MODEL, "does not exist"]),
+        ("report", "", ["ArtifactError", "benchmark/sphere/trials.parquet", MISSING]),
+    ],
+)  # fmt: skip
+def test_bad_input_ends_in_one_line(run, chain, tmp_path, stage, broken, said):
+    """Bad input ends a stage with status 1 and one line that names it, no trace, and every artifact as it was."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    on_disk = " " in broken
+    if on_disk:
+        damage(tmp_path, broken)
+    before = files(tmp_path)
+    done = run(stage, tmp_path, *([] if on_disk or not broken else [broken]))
+    assert done.status == 1, done.stderr
+    assert done.stderr.endswith("\n") and done.stderr.count("\n") == 1, done.stderr
+    assert [words for words in said if words not in done.stderr] == []
+    assert "Traceback" not in done.stdout
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        (
+            "profile=huge",
+            ["Could not find 'profile/huge'", "Available options in 'profile'", "paper", "quick", "standard"],
+        ),
+        ("environment=cube", ["Could not find 'environment/cube'", "sphere"]),
+        ("worker=2", ["Could not override 'worker'", "Key 'worker' is not in struct"]),
+    ],
+)
+def test_unknown_choices_end_in_hydras_words(run, tmp_path, override, said):
+    """What Hydra itself does not know ends a stage with its message, which names the alternatives, and no trace."""
+    done = run("scenes", tmp_path, override)
+    assert done.status == 1
+    assert [words for words in said if words not in done.stderr] == []
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "artifacts").exists()
+
+
+def test_started_as_a_user_does(tmp_path):
+    """The command that the documentation gives ends in one line and status 1 too."""
+    done = ended(started("scenes", tmp_path, "environment.parameters.margin=3"))
+    assert done.status == 1
+    assert done.stderr.startswith("ProblemError: scene 'blocks-") and done.stderr.count("\n") == 1, done.stderr
+    assert not list(tmp_path.glob("artifacts/**/*.parquet"))
+
+
+def test_stages_write_where_they_are_started(chain):
+    """A stage writes its artifacts and scratch below the current folder, and nothing of Hydra's beside them."""
+    assert sorted(path.name for path in chain.iterdir()) == ["artifacts", "scratch", "stderr", "stdout"]
+    assert sorted(files(chain)) == [
+        *(f"artifacts/tiny/demonstrations/sphere/{n}" for n in ("metrics.json", "paths.parquet", "timing.parquet")),
+        *(f"artifacts/tiny/scenes/sphere/{n}" for n in ("problems.parquet", "scenes.parquet")),
+        *(f"artifacts/tiny/train/sphere/{n}" for n in ("curves.csv", "metrics.json", "model.pt")),
+        "artifacts/tiny/voxels/sphere/voxels.npz",
+    ]
+
+
+def repeatable(folder: Path, stage: str) -> dict[str, bytes]:
+    """Return what a stage wrote but for the wall clock."""
+    prefix = f"artifacts/tiny/{stage}/"
+    return {
+        name: content for name, content in files(folder).items() if name.startswith(prefix) and "timing" not in name
+    }
+
+
+@pytest.mark.parametrize("stage", ["scenes", "demonstrations", "voxels", "train"])
+def test_same_seed_gives_same_bytes(run, chain, tmp_path, stage):
+    """Run again, elsewhere, with two processes instead of one where it has any, a stage writes the same bytes."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    shutil.rmtree(tmp_path / "artifacts" / "tiny" / stage)
+    parallel = stage in ("scenes", "demonstrations")
+    done = ended(started(stage, tmp_path, "workers=2")) if parallel else run(stage, tmp_path)
+    assert (done.status, done.stderr) == (0, "")
+    assert repeatable(tmp_path, stage) == repeatable(chain, stage) != {}
+
+
+@pytest.mark.parametrize(
+    ("stage", "override"),
+    [
+        ("scenes", "environment.parameters.seed=1"),
+        ("demonstrations", "oracle.seed=2"),
+        ("voxels", "perception.seed=3"),
+        ("train", "seed=4"),
+    ],
+)
+def test_other_seed_gives_other_bytes(run, chain, tmp_path, stage, override):
+    """Every file of a stage that chance has a part in differs with another seed."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    assert run(stage, tmp_path, override).status == 0
+    before, after = repeatable(chain, stage), repeatable(tmp_path, stage)
+    assert before.keys() == after.keys()
+    assert [name for name in before if before[name] == after[name]] == []
+
+
+ONE_METHOD = [
+    *("~experiment.methods.fmt", "~experiment.methods.compnetx_fmt", "~experiment.methods.compnetx_rrtconnect"),
+    *("~experiment.adherences.atlas", "~experiment.adherences.tangent_bundle"),
+    *("profile.scenes.test_pairs=4", "profile.benchmark.problems_per_scene=4"),
+]
+ONE_VARIANT = ["variants=[{base: rrtconnect}]", "profile.benchmark.choices_per_scene=4"]
+
+
+@pytest.mark.parametrize(
+    ("stage", "file", "schema", "settings"),
+    [
+        ("demonstrations", "paths.parquet", "paths", []),
+        ("benchmark", "trials.parquet", "trials", ONE_METHOD),
+        ("choices", "trials.parquet", "trials", ONE_VARIANT),
+    ],
+)
+def test_size_of_shards_changes_nothing(run, chain, tmp_path, stage, file, schema, settings):
+    """Cut into other pieces, with those of the last run still there, a stage works on each problem once."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    if stage == "benchmark":
+        assert run("scenes", tmp_path, "profile.scenes.test_pairs=4").status == 0
+    tables = []
+    for size in (3, 2):
+        done = run(stage, tmp_path, *settings, f"shard={size}")
+        assert (done.status, done.stderr) == (0, "")
+        table = read_table(tmp_path / "artifacts" / "tiny" / stage / "sphere" / file, schema)
+        tables.append(table[["scene", "problem", "status"]])
+    assert not tables[1].duplicated(["scene", "problem"]).any()
+    pd.testing.assert_frame_equal(*tables)
+
+
+def test_killed_demonstrations_continue(chain, tmp_path):
+    """Killed in the middle and started again, demonstrations are those of an unbroken run, finished shards reused."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    shutil.rmtree(tmp_path / "artifacts" / "tiny" / "demonstrations")
+    process = started("demonstrations", tmp_path)
+    end = time.monotonic() + 60
+    while len(shards(tmp_path)) < 3 and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGKILL)
+    assert ended(process).status == -signal.SIGKILL
+    finished = shards(tmp_path)
+    assert 3 <= len(finished) < 20
+    assert not (tmp_path / "artifacts" / "tiny" / "demonstrations").exists()
+    again = ended(started("demonstrations", tmp_path))
+    assert (again.status, again.stderr) == (0, "")
+    assert f"{len(finished)} of 20 shards are there from an earlier run" in again.stdout
+    assert len(shards(tmp_path)) == 20 and finished.items() <= shards(tmp_path).items()
+    assert repeatable(tmp_path, "demonstrations") == repeatable(chain, "demonstrations")
+
+
+def shards(folder: Path) -> dict[str, int]:
+    """Return the finished shards of demonstrations and when each was written."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("scratch/demonstrations/*/*.parquet")}
