@@ -52,9 +52,8 @@ def main(cfg: DictConfig) -> None:
     grids = read_arrays(voxels, "voxels")
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
-    key = digest(
-        *files, asdict(config.profile), asdict(config.experiment), config.environment.parameters, code_digest()
-    )
+    chosen = [scale.problems_per_scene, scale.band_problems, config.shard]
+    key = digest(*files, chosen, asdict(config.experiment), config.environment.parameters, code_digest())
     frames = run_shards(
         partial(run_trials, config.experiment, environment, scenes, learned),
         list(shards(problems, config.shard)),

@@ -50,7 +50,8 @@ def main(cfg: DictConfig) -> None:
     grids = read_arrays(voxels, "voxels")
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
-    key = digest(*files, len(problems), asdict(experiment), config.environment.parameters, code_digest())
+    chosen = [config.profile.benchmark.choices_per_scene, config.shard]
+    key = digest(*files, chosen, asdict(experiment), config.environment.parameters, code_digest())
     frames = run_shards(
         partial(run_trials, experiment, environment, scenes, learned),
         list(shards(problems, config.shard)),

@@ -243,7 +243,6 @@ def test_scales_are_positive(scale):
                 scale(**{other.name: value if other is f else 1 for other in fields(scale)})
 
 
-@pytest.mark.xfail(reason="min() and max() pass over a NaN that is not the first", raises=pytest.fail.Exception)
 def test_thickness_of_the_shell_is_a_number():
     """A shell whose thickness is NaN, which would leave every voxel grid empty, is refused."""
     with pytest.raises(ConfigError, match="shell"):

@@ -119,7 +119,8 @@ def _trials(
                 if result.solved:
                     verdict = verify(result.path, start, goal, space.constraint, exact, experiment.verifier)
                     row["solved"], row["rejection"] = verdict.passed, verdict.message
-                    row["path_length"], row["max_violation"] = verdict.length, verdict.max_violation
+                    row["max_violation"] = verdict.max_violation
+                    row["path_length"] = verdict.length if verdict.passed else np.nan
                     row["min_clearance"] = np.nan if verdict.min_clearance is None else verdict.min_clearance
                 yield {**row, **flatten(result.path)}
 

@@ -42,7 +42,7 @@ class VoxelParameters:
         if not 0 <= self.density < np.inf:
             raise ConfigError(f"voxels.density is {self.density} points/m^2; it must be finite and at least 0")
         if self.shell is not None and not (
-            np.shape(self.shell) == (2,) and 0 < min(self.shell) <= max(self.shell) < np.inf
+            np.shape(self.shell) == (2,) and all(0 < value < np.inf for value in self.shell)
         ):
             raise ConfigError(f"voxels.shell is {self.shell}; it must be empty or (radius, thickness), both above 0 m")
 

@@ -181,7 +181,6 @@ def test_unsolved_rows_have_no_length(pretended):
     assert set(rows["rejection"]) == {""} and set(rows["waypoints"]) == {0}
 
 
-@pytest.mark.xfail(reason="run_trials keeps the length of a rejected path", raises=AssertionError)
 def test_rejected_rows_have_no_length(pretended):
     """A path that was rejected leaves no length, which a median over the table would take for a path's."""
     assert pretended["path_length"].isna().all()
