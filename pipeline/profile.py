@@ -38,19 +38,24 @@ class TrainScale:
 
 @dataclass(frozen=True)
 class BenchmarkScale:
-    """How much is measured: problems per scene of scenario 1 and of scenario 2, and what is kept of it.
-
-    Recordings are per scenario, method and adherence; `choices_per_scene` problems of each validation scene make the
-    table of choices.
-    """
+    """How much is measured: problems per scene of scenario 1 and of scenario 2, recordings per row of the tables."""
 
     problems_per_scene: int
     band_problems: int
     recordings: int
-    choices_per_scene: int
 
     def __post_init__(self) -> None:
         _positive("benchmark", self)
+
+
+@dataclass(frozen=True)
+class ChoicesScale:
+    """Problems of each validation scene for the table of choices."""
+
+    problems_per_scene: int
+
+    def __post_init__(self) -> None:
+        _positive("choices", self)
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,7 @@ class Profile:
     scenes: ScenesScale
     train: TrainScale
     benchmark: BenchmarkScale
+    choices: ChoicesScale
 
 
 def _positive(section: str, scale: object) -> None:

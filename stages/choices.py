@@ -46,11 +46,11 @@ def main(cfg: DictConfig) -> None:
     trained = folder(profile, "train", name) / "model.pt"
     scenes = read_scenes(source)
     problems = read_problems(source, environment.robot().dimension)
-    problems = pick(problems, BLOCKS, [Split.VALIDATION], config.profile.benchmark.choices_per_scene)
+    problems = pick(problems, BLOCKS, [Split.VALIDATION], config.profile.choices.problems_per_scene)
     grids = read_arrays(voxels, "voxels")
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
-    chosen = [config.profile.benchmark.choices_per_scene, config.shard]
+    chosen = [config.profile.choices.problems_per_scene, config.shard]
     key = digest(*files, chosen, asdict(experiment), config.environment.parameters, code_digest())
     frames = run_shards(
         partial(run_trials, experiment, environment, scenes, learned),

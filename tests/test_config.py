@@ -23,7 +23,7 @@ from pipeline.evaluation.choices import variants
 from pipeline.learning.recipe import Recipe
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS
-from pipeline.profile import BenchmarkScale, ScenesScale, TrainScale
+from pipeline.profile import BenchmarkScale, ChoicesScale, ScenesScale, TrainScale
 from pipeline.robots import Validity, point_robot
 from pipeline.samplers.choices import Learned, make_sampler
 from pipeline.schema import Choice
@@ -233,7 +233,7 @@ def test_no_number_may_be_nan_or_negative(stage):
     assert [name for name in accepted if not name.startswith(LATER.get(stage, ()))] == []
 
 
-@pytest.mark.parametrize("scale", [ScenesScale, TrainScale, BenchmarkScale])
+@pytest.mark.parametrize("scale", [ScenesScale, TrainScale, BenchmarkScale, ChoicesScale])
 def test_scales_are_positive(scale):
     """A profile's number of anything must be above 0; which one is not is named with its section."""
     section = scale.__name__.removesuffix("Scale").lower()

@@ -305,7 +305,7 @@ ONE_METHOD = [
     *("~experiment.adherences.atlas", "~experiment.adherences.tangent_bundle"),
     *("profile.scenes.test_pairs=4", "profile.benchmark.problems_per_scene=4"),
 ]
-ONE_VARIANT = ["variants=[{base: rrtconnect}]", "profile.benchmark.choices_per_scene=4"]
+ONE_VARIANT = ["variants=[{base: rrtconnect}]", "profile.choices.problems_per_scene=4"]
 
 
 @pytest.mark.parametrize(

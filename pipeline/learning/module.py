@@ -8,6 +8,7 @@ import lightning
 import pandas as pd
 import torch
 from lightning.pytorch.callbacks import Callback
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
 
 from pipeline.errors import ConfigError
 from pipeline.files import atomic_file
@@ -25,12 +26,13 @@ class CompnetxModule(lightning.LightningModule):
         network: to train.
         voxels: grids of all scenes (S, L, W, H).
         learning_rate: of Adagrad.
+        warmup: steps over which the learning rate rises linearly.
     """
 
-    def __init__(self, network: Compnetx, voxels: torch.Tensor, learning_rate: float) -> None:
+    def __init__(self, network: Compnetx, voxels: torch.Tensor, learning_rate: float, warmup: int = 0) -> None:
         super().__init__()
         self.network = network
-        self.learning_rate = learning_rate
+        self.learning_rate, self.warmup = learning_rate, warmup
         self.voxels: torch.Tensor
         self.register_buffer("voxels", voxels, persistent=False)
         self.train_loss = float("nan")  # of the last finished epoch
@@ -69,10 +71,14 @@ class CompnetxModule(lightning.LightningModule):
         if self.trainer.is_last_batch:
             self.train_loss = float(torch.stack(self._losses).sum()) / self._pairs
 
-    def configure_optimizers(self) -> torch.optim.Optimizer:
-        """Return Adagrad; its fused form, which takes a third of the time, exists for CPUs."""
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        """Return Adagrad and its warm-up; its fused form, which takes a third of the time, exists for CPUs."""
         fused = True if self.device.type == "cpu" else None
-        return torch.optim.Adagrad(self.network.parameters(), lr=self.learning_rate, fused=fused)
+        optimizer = torch.optim.Adagrad(self.network.parameters(), lr=self.learning_rate, fused=fused)
+        if not self.warmup:
+            return optimizer
+        rise = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: min(1.0, (step + 1) / self.warmup))
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rise, "interval": "step"}}
 
     def _loss(self, batch: Batch) -> torch.Tensor:
         codes = self.network.encode(self._grids(batch.scenes))  # (U, code)

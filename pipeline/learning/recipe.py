@@ -34,12 +34,15 @@ class Recipe:
     reverse: bool
     batch_size: int
     learning_rate: float
+    warmup: float
     seed: int
     threads: int
 
     def parameters(self) -> TrainParameters:
         """Return what `train` takes."""
-        return TrainParameters(self.profile.train.epochs, self.batch_size, self.learning_rate, self.seed, self.threads)
+        return TrainParameters(
+            self.profile.train.epochs, self.batch_size, self.learning_rate, self.warmup, self.seed, self.threads
+        )
 
 
 def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> Trained:

@@ -39,6 +39,9 @@ class TrainParameters:
         batch_size: pairs per step (256 in the authors' code). Every step encodes its scenes anew, which at 256
             pairs from 40 scenes is half of its time.
         learning_rate: of Adagrad (0.01: compnetx.txt, appendix C).
+        warmup: epochs over which the learning rate rises to it from next to nothing. Adagrad's first steps are as long
+            as its learning rate for every weight, however small the gradient: without a warm-up they throw the first
+            weights away, and where a run ends depends on its seed more than on its length. Not in the paper.
         seed: of the first weights, the order of the pairs and the dropout masks.
         threads: of torch; part of what determines the last bits of the weights. No more than there are idle cores:
             where two threads share a core with another process, a step takes twenty times as long (measured: 1.05 s
@@ -49,6 +52,7 @@ class TrainParameters:
     epochs: int = 400
     batch_size: int = 256
     learning_rate: float = 0.01
+    warmup: float = 0.0
     seed: int = 0
     threads: int = 1
     accelerator: str = "cpu"
@@ -59,6 +63,8 @@ class TrainParameters:
                 raise ConfigError(f"train.{name} is {getattr(self, name)}; it must be at least {bound}")
         if not 0 < self.learning_rate < float("inf"):
             raise ConfigError(f"train.learning_rate is {self.learning_rate}; it must be finite and above 0")
+        if not 0 <= self.warmup < float("inf"):
+            raise ConfigError(f"train.warmup is {self.warmup} epochs; it must be finite and at least 0")
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,9 @@ def train(
     folder = Path(scratch).resolve() / _key(parameters, network, normalisation, data)
     with _settings(parameters.threads):
         torch.manual_seed(parameters.seed)  # of the first weights; the rest of the run asks torch for no chance
-        module = CompnetxModule(Compnetx(network), torch.from_numpy(data.voxels).float(), parameters.learning_rate)
+        voxels, steps = torch.from_numpy(data.voxels).float(), -(-len(data.train) // parameters.batch_size)
+        rise = round(parameters.warmup * steps)
+        module = CompnetxModule(Compnetx(network), voxels, parameters.learning_rate, rise)
         curves = Curves(folder / "curves.csv")
         trainer = _trainer(parameters, folder, curves)
         shared = network, normalisation

@@ -79,6 +79,8 @@ class Atlas:
         self.constraint, self.parameters = constraint, parameters
         self.charts: list[Chart] = []
         self._origins = np.empty((64, constraint.n))
+        self._tangents = np.empty((64, constraint.manifold_dimension, constraint.n))
+        self._normals = np.empty((64, constraint.k, constraint.n))
         self._cosine = float(np.cos(parameters.alpha))
 
     def __len__(self) -> int:
@@ -89,6 +91,16 @@ class Atlas:
         """Origins of all charts (m, n)."""
         return self._origins[: len(self.charts)]
 
+    @property
+    def tangents(self) -> np.ndarray:
+        """Tangent bases of all charts, as rows (m, d, n)."""
+        return self._tangents[: len(self.charts)]
+
+    @property
+    def normals(self) -> np.ndarray:
+        """Normal bases of all charts, as rows (m, k, n)."""
+        return self._normals[: len(self.charts)]
+
     def add(self, q: np.ndarray) -> Chart | None:
         """Add a chart at q (n,) on the manifold; None when the atlas is full or the Jacobian has lost rank there."""
         if len(self.charts) >= self.parameters.max_charts:
@@ -98,9 +110,12 @@ class Atlas:
         except ConstraintError:
             return None
         if len(self.charts) == len(self._origins):
-            self._origins = np.concatenate([self._origins, np.empty_like(self._origins)])
+            for name in ("_origins", "_tangents", "_normals"):
+                stacked = getattr(self, name)
+                setattr(self, name, np.concatenate([stacked, np.empty_like(stacked)]))
         chart = Chart(len(self.charts), np.array(q, float), tangent, normal)
-        self._origins[chart.index] = chart.origin
+        i = chart.index
+        self._origins[i], self._tangents[i], self._normals[i] = chart.origin, tangent.T, normal.T
         self.charts.append(chart)
         return chart
 

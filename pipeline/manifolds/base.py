@@ -8,15 +8,20 @@ step-by-step algorithm.
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Constraint
+from pipeline.constraints import Compiled, Constraint
 from pipeline.errors import ConfigError
 from pipeline.robots import Validity
+
+_QUARTERS = (0.5, 0.25, 0.75)  # the middle first: it is the farthest from both free ends
+_EDGES = 8  # screened at a time
 
 
 class Stop(Enum):
@@ -130,10 +135,15 @@ class Adherence(ABC):
         self.constraint, self.validity, self.parameters = constraint, validity, parameters
         self.lower, self.upper = validity.robot.lower, validity.robot.upper
         self.counters = Counters()
-        self._checks_before = validity.checks
+        # Steps on a curved manifold are not quite gamma long; longer chords than this are checked at all their points.
+        self._vouched = 1.1 * parameters.step
         pieces = int(np.ceil(parameters.step / parameters.resolution - 1e-9))
         # Halves before quarters: a chord that cuts a corner is deepest in its middle.
         self._shares = sorted((i / pieces for i in range(1, pieces)), key=lambda share: abs(share - 0.5))
+        rows = list(enumerate(self._shares, start=1))  # of a chord, see `_chord`
+        self._near = [row for row, share in rows if share < 0.5]  # the half at the state where it begins
+        self._far = [row for row, share in rows if share >= 0.5]
+        self._look(validity)
 
     @property
     def dimension(self) -> int:
@@ -142,16 +152,25 @@ class Adherence(ABC):
 
     def reset(self, validity: Validity | None = None) -> None:
         """Forget the last problem (counters, charts); with `validity`, move to another scene."""
-        if validity is not None:
-            self.validity = validity
         self.counters = Counters()
-        self._checks_before = self.validity.checks
+        self._look(self.validity if validity is None else validity)
 
     def counted(self) -> Counters:
         """Return a copy of the counters since the last reset."""
         now = Counters(**{f.name: getattr(self.counters, f.name) for f in fields(Counters)})
-        now.collision_checks = self.validity.checks - self._checks_before
+        now.collision_checks = self._checks() - self._checks_before
         return now
+
+    def _look(self, validity: Validity) -> None:
+        """Use a scene's checker, and its widened one where the robot's travel is known."""
+        travel = validity.robot.travel
+        self.validity = validity
+        useful = travel is not None and len(self._shares) > 0
+        self._wide = validity.widened((travel or 0.0) * self._vouched / 2) if useful else None
+        self._checks_before = self._checks()
+
+    def _checks(self) -> int:
+        return self.validity.checks + (self._wide.checks if self._wide else 0)
 
     @abstractmethod
     def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
@@ -175,6 +194,42 @@ class Adherence(ABC):
         with np.errstate(invalid="ignore"):
             inside = ((X >= self.lower) & (X <= self.upper)).all(axis=1)
         return X[converged & inside]
+
+    def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> np.ndarray:
+        """Tell for edges, rows of q_from and q_to (m, n), whether a walk along them is worth its price (m,).
+
+        False where a point a quarter, half or three quarters of the way, projected from the straight line, collides:
+        what fails among obstacles mostly fails there, at a tenth of the price of the walk. True promises nothing. On
+        an edge long against the manifold's curvature the walk may pass elsewhere and be refused without need.
+        """
+        free, size = self.validity.collision_free, 3 * self.dimension
+        verdicts: list[bool] = []
+        for first in range(0, len(q_from), _EDGES):
+            count = min(_EDGES, len(q_from) - first)
+            for argument, ends in zip(self._quarters.arguments, (q_from, q_to), strict=True):
+                argument[:count] = ends[first : first + count]
+            points, violations = self._quarters.evaluate()
+            points = points.reshape(-1)[: count * size].reshape(count, 3, -1)
+            near = (violations.reshape(-1)[: 3 * count] < self.constraint.tolerance**2).reshape(count, 3).tolist()
+            # A point that did not reach the manifold tells nothing.
+            verdicts += [
+                all(free(q) for q, counts in zip(rows, counted, strict=True) if counts)
+                for rows, counted in zip(points.copy(), near, strict=True)
+            ]
+        self.counters.projections += 3 * len(q_from)
+        return np.array(verdicts, bool)
+
+    @cached_property
+    def _quarters(self) -> Compiled:
+        """Points on straight lines between rows of two arrays, projected, and their squared violations."""
+        constraint = self.constraint
+        q_from, q_to = ca.SX.sym("q_from", constraint.n), ca.SX.sym("q_to", constraint.n)
+        found = [
+            constraint.projected(q_from + share * (q_to - q_from), self.parameters.newton_steps) for share in _QUARTERS
+        ]
+        points, violations = ca.horzcat(*(q for q, _ in found)), ca.vertcat(*(violation for _, violation in found))
+        single = ca.Function("quarters", [q_from, q_to], [ca.densify(points), ca.densify(violations)])
+        return Compiled(single.map(_EDGES))
 
     def refine(self, states: np.ndarray) -> Refined:
         """Walk along `states` (T, n) at `resolution`: project, check bounds and collisions in between.
@@ -206,14 +261,32 @@ class Adherence(ABC):
     def _ended(self, reached: list[np.ndarray], stop: Stop) -> Traversal:
         return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)
 
-    def _finish(self, reached: list[np.ndarray], q_from: np.ndarray, q_to: np.ndarray) -> Traversal:
+    def _finish(self, reached: list[np.ndarray], q_from: np.ndarray, q_to: np.ndarray, vouches: bool) -> Traversal:
         """Within a step of the target: take it, if it and the way to it are free."""
-        free = self.validity.collision_free
         last = reached[-1] if reached else q_from
-        if not free(q_to) or not all(free(last + share * (q_to - last)) for share in self._shares):
+        offset = q_to - last
+        chord = [q_to, *(last + share * offset for share in self._shares)]
+        if not self._passable(chord, length(offset), vouches)[0]:
             return self._ended(reached, Stop.COLLISION)
         reached.append(np.array(q_to, float))
         return self._ended(reached, Stop.REACHED)
+
+    def _passable(self, chord: Sequence[np.ndarray] | np.ndarray, distance: float, vouches: bool) -> tuple[bool, bool]:
+        """Tell whether a chord (see `_chord`) of this length is free, and whether its end vouches for its surroundings.
+
+        A configuration that keeps half a chord's travel more than the margin vouches for the halves next to it: their
+        points need no check. `vouches` says so of the configuration where the chord begins.
+        """
+        free, wide = self.validity.collision_free, self._wide
+        vouched = wide is not None and wide.collision_free(chord[0])
+        if not vouched and not free(chord[0]):
+            return False, False
+        short = distance <= self._vouched
+        if not (vouched and short) and not all(free(chord[row]) for row in self._far):
+            return False, False
+        if not (vouches and short) and not all(free(chord[row]) for row in self._near):
+            return False, False
+        return True, vouched
 
     def _chord(self, q: ca.SX, following: ca.SX) -> list[ca.SX]:
         """Expressions of the points to check between two states, and the second state, as columns: worst first."""

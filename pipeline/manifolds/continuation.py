@@ -5,12 +5,12 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Constraint, compiled
+from pipeline.constraints import Compiled, Constraint, compiled
 from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
-_SAMPLE_BLOCK = 32  # samples drawn before the atlas grows over the first of them
+_SAMPLE_BLOCK = 32  # samples drawn and lifted together, before the atlas grows over the first of them
 _SAMPLE_GROWTH = 4  # samples of a block that get a chart: enough to spread, finding charts for all costs most of a plan
 _SAMPLE_ROUNDS = 50  # blocks in a row that may fail before sampling gives up
 
@@ -30,6 +30,10 @@ class ContinuationAdherence(Adherence):
         q, _, violation = self._exponential(
             origin + tangent @ u, normal, ca.SX.zeros(constraint.k), 3 * parameters.newton_steps
         )
+        base, y = ca.SX.sym("base", constraint.n), ca.SX.sym("y", constraint.k)
+        F, J = constraint.function_jacobian(base + normal @ y)
+        lift = ca.Function("lift", [base, normal, y], [ca.sumsqr(F), ca.densify(y - ca.solve(J @ normal, F))])
+        self._lift_block = Compiled(lift.map(_SAMPLE_BLOCK))
         self._psi = compiled("psi", [origin, tangent, normal, u], [q, violation])
 
     def reset(self, validity: Validity | None = None) -> None:
@@ -56,24 +60,25 @@ class ContinuationAdherence(Adherence):
         reached: list[np.ndarray] = []
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= parameters.step:
-            return self._finish(reached, q_from, q_to)
+            return self._finish(reached, q_from, q_to, False)
         chart = self._chart_at(q_from)
         if chart is None:
             return self._ended(reached, Stop.NO_CHART)
-        q, u, way, longest = q_from, chart.log(q_from), 0.0, parameters.wander * straight
+        q, u, target = q_from, chart.log(q_from), chart.log(q_to)
+        way, longest, vouches = 0.0, parameters.wander * straight, False
         while True:
-            if length(chart.log(q_to) - u) <= parameters.step:  # line 7, right at the beginning of a chart
+            if length(target - u) <= parameters.step:  # line 7, right at the beginning of a chart
                 near = length(q_to - q) <= parameters.leap * parameters.step
-                return self._finish(reached, q_from, q_to) if near else self._ended(reached, Stop.FOLDED)
+                return self._finish(reached, q_from, q_to, vouches) if near else self._ended(reached, Stop.FOLDED)
             flat, coordinates, codes, ways, gaps = self._edge(
-                chart.origin, chart.tangent.T, chart.normal.T, u, q, q_to, chart.log(q_to), way, longest
+                chart.origin, chart.tangent.T, chart.normal.T, u, q, q_to, target, way, longest
             )
             coordinates = coordinates.reshape(len(codes), -1)  # a lookahead of 1 comes as a vector
-            outside = self.atlas.outside(chart, coordinates)
+            outside = self.atlas.outside(chart, coordinates).tolist()
             chords, coordinates = flat.reshape(len(codes), -1, self.dimension).copy(), coordinates.copy()
-            to_target = gaps.tolist()
+            to_target, totals = gaps.tolist(), ways.tolist()
             for i, code in enumerate(codes.tolist()):
-                chord = chords[i]
+                chord, distance, way = chords[i], totals[i] - way, totals[i]
                 self.counters.projections += not self.lazy
                 if code and code < Stop.ARRIVED.value:
                     return self._ended(reached, Stop(int(code)))
@@ -85,25 +90,27 @@ class ContinuationAdherence(Adherence):
                     if (lifted < self.lower).any() or (lifted > self.upper).any():
                         return self._ended(reached, Stop.OUT_OF_BOUNDS)
                     chord[0] = lifted
-                if not all(map(self.validity.collision_free, chord)):
+                    vouches, distance = False, np.inf  # the chord was computed to where it was before
+                passable, vouches = self._passable(chord, distance, vouches)
+                if not passable:
                     return self._ended(reached, Stop.COLLISION)
                 reached.append(chord[0])
                 if to_target[i] <= parameters.step:
-                    return self._finish(reached, q_from, q_to)
+                    return self._finish(reached, q_from, q_to, vouches)
                 if code == Stop.ARRIVED.value and not leaves:  # over the target in the chart, or on another fold
                     near = to_target[i] <= parameters.leap * parameters.step
-                    return self._finish(reached, q_from, q_to) if near else self._ended(reached, Stop.FOLDED)
+                    return self._finish(reached, q_from, q_to, vouches) if near else self._ended(reached, Stop.FOLDED)
                 if len(reached) >= limit:
                     return self._ended(reached, Stop.STEP_LIMIT)
                 if leaves:
                     break
                 self._charts[chord[0].tobytes()] = chart
-            q, u, way = chord[0], coordinates[i], float(ways[i])
+            q, u = chord[0], coordinates[i]
             if leaves:
                 following = self._chart_at(q)
                 if following is None:
                     return self._ended(reached, Stop.NO_CHART)
-                chart, u = following, following.log(q)
+                chart, u, target = following, following.log(q), following.log(q_to)
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Sample charts and their tangent balls beyond rho (IMACS), lift, and grow the atlas over some of the samples.
@@ -112,24 +119,38 @@ class ContinuationAdherence(Adherence):
         """
         parameters, d = self.parameters, self.constraint.manifold_dimension
         radius = parameters.rho / (1.0 - parameters.exploration) ** (1.0 / d)
-        found: list[np.ndarray] = []
+        found = np.empty((0, self.dimension))
         for _ in range(_SAMPLE_ROUNDS if len(self.atlas) else 0):
-            before = len(found)
-            charts = [
-                self.atlas.charts[i] for i in rng.integers(len(self.atlas), size=min(_SAMPLE_BLOCK, count - before))
-            ]
-            directions = rng.normal(size=(len(charts), d))
-            lengths = radius * rng.random(len(charts)) ** (1.0 / d)
-            for chart, direction, reach in zip(charts, directions, lengths.tolist(), strict=True):
-                u = direction * (reach / np.linalg.norm(direction))
-                q = self.exponential(chart, u)
-                if q is not None and (q >= self.lower).all() and (q <= self.upper).all():
-                    found.append(q)
-            for q in found[before : before + _SAMPLE_GROWTH]:
+            size = min(_SAMPLE_BLOCK, count - len(found))
+            charts = rng.integers(len(self.atlas), size=size)
+            directions = rng.normal(size=(size, d))
+            lengths = radius * rng.random((size, 1)) ** (1.0 / d)
+            Q, lifted = self._lift(charts, directions * (lengths / np.linalg.norm(directions, axis=1, keepdims=True)))
+            Q = Q[lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)]
+            for q in Q[:_SAMPLE_GROWTH]:
                 self._chart_at(q)
+            found = np.concatenate([found, Q])
             if len(found) >= count:
                 break
-        return np.array(found) if found else np.empty((0, self.dimension))
+        return found
+
+    def _lift(self, charts: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return psi(u) for up to a block of charts (m,) and coordinates (m, d), and where it converged (m,)."""
+        count, atlas, block = len(charts), self.atlas, self._lift_block
+        self.counters.projections += count
+        normals = atlas.normals[charts]  # (m, k, n)
+        bases = atlas.origins[charts] + np.einsum("md,mdn->mn", U, atlas.tangents[charts])
+        heights = np.zeros((count, self.constraint.k))
+        base, normal, height = block.arguments
+        base[:count], normal[: normals[0].size // self.dimension * count] = bases, normals.reshape(-1, self.dimension)
+        for _ in range(3 * self.parameters.newton_steps):
+            height.reshape(-1, self.constraint.k)[:count] = heights
+            violations, following = (result.reshape(_SAMPLE_BLOCK, -1)[:count] for result in block.evaluate())
+            done = violations[:, 0] < self.constraint.tolerance**2
+            if done.all():
+                break
+            heights = np.where(done[:, None], heights, following)
+        return bases + np.einsum("mk,mkn->mn", heights, normals), done
 
     def _chart_at(self, q: np.ndarray) -> Chart | None:
         key = q.tobytes()

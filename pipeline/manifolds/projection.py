@@ -20,7 +20,7 @@ class ProjectionAdherence(Adherence):
         n, gamma = constraint.n, parameters.step
         x, target = ca.SX.sym("x", n), ca.SX.sym("target", n)
         way, longest = ca.SX.sym("way"), ca.SX.sym("longest")
-        points, codes, q, D = [], [], x, way
+        points, codes, ways, q, D = [], [], [], x, way
         for _ in range(parameters.lookahead):
             d1 = ca.norm_2(target - q)
             following, violation = constraint.projected(q + gamma * (target - q) / d1, parameters.newton_steps)
@@ -41,36 +41,38 @@ class ProjectionAdherence(Adherence):
                 )
             )
             points += self._chord(q, following)
+            ways.append(D)
             q = following
         self._edge = compiled(
-            "projection_edge", [x, target, way, longest], [ca.horzcat(*points), ca.vertcat(*codes), D]
+            "projection_edge", [x, target, way, longest], [ca.horzcat(*points), ca.vertcat(*codes), ca.vertcat(*ways)]
         )
 
     def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
         """Walk by Algorithm 2."""
         self.counters.traversals += 1
-        collision_free = self.validity.collision_free
         straight = length(q_to - q_from)
         reached: list[np.ndarray] = []
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= self.parameters.step:
-            return self._finish(reached, q_from, q_to)
-        q, way, longest = q_from, 0.0, self.parameters.wander * straight
+            return self._finish(reached, q_from, q_to, False)
+        q, way, longest, vouches = q_from, 0.0, self.parameters.wander * straight, False
         while True:
-            flat, codes, D = self._edge(q, q_to, way, longest)
+            flat, codes, ways = self._edge(q, q_to, way, longest)
             chords = flat.reshape(len(codes), -1, self.dimension).copy()
-            for chord, code in zip(chords, codes.tolist(), strict=True):
+            for chord, code, total in zip(chords, codes.tolist(), ways.tolist(), strict=True):
                 self.counters.projections += 1
                 if code and code != Stop.ARRIVED.value:
                     return self._ended(reached, Stop(int(code)))
-                if not all(map(collision_free, chord)):
+                passable, vouches = self._passable(chord, total - way, vouches)
+                if not passable:
                     return self._ended(reached, Stop.COLLISION)
+                way = total
                 reached.append(chord[0])
                 if code:
-                    return self._finish(reached, q_from, q_to)
+                    return self._finish(reached, q_from, q_to, vouches)
                 if len(reached) >= limit:
                     return self._ended(reached, Stop.STEP_LIMIT)
-            q, way = chords[-1, 0], float(D[0])
+            q = chords[-1, 0]
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Project uniform samples of the joint box (uniform there, not on the manifold)."""

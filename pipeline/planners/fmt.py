@@ -1,6 +1,7 @@
 """FMT* (Janson et al. 2015) with continued sampling, as compnetx.txt, section VII-A, describes it."""
 
 import heapq
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,7 +120,11 @@ class FmtStar(Planner):
 
 
 class _Wave:
-    """The sets of FMT*: unvisited, open (the front) and closed samples, with their tree."""
+    """The sets of FMT*: unvisited, open (the front) and closed samples, with their tree.
+
+    Neighbours stand in rows of equal width, filled up with -1: the last entry of `state` and `reach`, no sample,
+    answers for it.
+    """
 
     def __init__(self, space: Adherence, batch: np.ndarray, radius_multiplier: float, heuristic: bool) -> None:
         self.space = space
@@ -132,10 +137,13 @@ class _Wave:
         k = min(self.k + 1, self.count)
         distances, neighbours = cKDTree(batch).query(batch, k=k)
         space.counters.nearest_queries += self.count
-        self.neighbours = list(neighbours.reshape(self.count, -1)[:, 1:])
-        self.distances = list(distances.reshape(self.count, -1)[:, 1:])
+        self.neighbours = neighbours.reshape(self.count, -1)[:, 1:]
+        self.distances = distances.reshape(self.count, -1)[:, 1:]
+        self.degree = np.full(self.count, k - 1)
         self.cost = np.full(self.count, np.inf)
-        self.state = np.full(self.count, _UNVISITED, np.int8)
+        self.state = np.full(self.count + 1, _UNVISITED, np.int8)
+        self.state[-1] = _CLOSED
+        self.reach = np.full(self.count + 1, np.inf)  # the cost of open samples
         self.parent = np.full(self.count, -1)
         self.edges: dict[int, np.ndarray] = {}
         self.blocked: set[tuple[int, int]] = set()
@@ -149,20 +157,16 @@ class _Wave:
         if self.state[z] != _OPEN:
             return  # an entry left behind by a repair
         near = self.neighbours[z]
+        waiting = near[self.state[near] == _UNVISITED]
         joined = []
-        for x in near[self.state[near] == _UNVISITED].tolist():
-            candidates = self.neighbours[x]
-            is_open = self.state[candidates] == _OPEN
-            is_open |= candidates == z
-            candidates = candidates[is_open]
-            if not len(candidates):
-                candidates, costs = np.array([z]), np.array([self.cost[z] + np.linalg.norm(self.q[z] - self.q[x])])
-            else:
-                costs = self.cost[candidates] + self.distances[x][is_open]
-            best = int(costs.argmin())
-            if self._connect(int(candidates[best]), x):
-                joined.append(x)
-        self.state[z] = _CLOSED
+        if len(waiting):
+            costs = self.reach[self.neighbours[waiting]] + self.distances[waiting]  # (m, width)
+            best = costs.argmin(axis=1)
+            rows = np.arange(len(waiting))
+            # z has the sample among its neighbours, which does not mean that the sample has z among its own.
+            parents = np.where(np.isfinite(costs[rows, best]), self.neighbours[waiting, best], z)
+            joined = [x for _, x in self._connect(zip(parents.tolist(), waiting.tolist(), strict=True))]
+        self.state[z], self.reach[z] = _CLOSED, np.inf
         for x in joined:
             self._open(x)
 
@@ -176,10 +180,10 @@ class _Wave:
         if not len(tree):
             return False
         x = self._append(q, near, distances[near])
-        for y in tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")][:_TRIES].tolist():
-            if self._connect(y, x):
-                self._open(x)
-                return True
+        order = tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")][:_TRIES]
+        for _ in self._connect((y, x) for y in order.tolist()):
+            self._open(x)
+            return True
         return False
 
     def path(self) -> np.ndarray | None:
@@ -196,40 +200,63 @@ class _Wave:
         self._retract(owners[refined.invalid + 1])
         return None
 
-    def _connect(self, y: int, x: int) -> bool:
-        if (y, x) in self.blocked:
-            return False
-        walk = self.space.traverse(self.q[y], self.q[x])
-        if not walk.reached:
-            self.blocked.add((y, x))
-            return False
-        self.parent[x] = y
-        self.edges[x] = walk.states
-        self.cost[x] = (
-            self.cost[y] + np.linalg.norm(np.diff(walk.states, axis=0, prepend=self.q[y : y + 1]), axis=1).sum()
-        )
-        return True
+    def _connect(self, edges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+        """Walk along edges (parent, sample) one by one and yield those that hold, each as soon as it is in the tree."""
+        asked = [edge for edge in edges if edge not in self.blocked]
+        if not asked:
+            return
+        worth = self.space.screen(*self.q[np.array(asked).T])
+        for (y, x), promising in zip(asked, worth.tolist(), strict=True):
+            walk = self.space.traverse(self.q[y], self.q[x]) if promising else None
+            if walk is None or not walk.reached:
+                self.blocked.add((y, x))
+                continue
+            self.parent[x] = y
+            self.edges[x] = walk.states
+            self.cost[x] = self.cost[y] + _way(self.q[y], walk.states)
+            yield y, x
 
     def _open(self, x: int) -> None:
-        self.state[x] = _OPEN
+        self.state[x], self.reach[x] = _OPEN, self.cost[x]
         ahead = length(self.q[x] - self.q[_GOAL]) if self.heuristic else 0.0
         heapq.heappush(self.front, (float(self.cost[x]) + ahead, x))
 
     def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
         x = self.count
-        if x == len(self.cost):
-            self.q = np.concatenate([self.q, np.empty_like(self.q)])
-            self.cost = np.concatenate([self.cost, np.full(x, np.inf)])
-            self.state = np.concatenate([self.state, np.full(x, _UNVISITED, np.int8)])
-            self.parent = np.concatenate([self.parent, np.full(x, -1)])
+        width = max(len(near), int(self.degree[near].max()) + 1)
+        if x == len(self.cost) or width > self.neighbours.shape[1]:
+            self._grow(2 * x if x == len(self.cost) else len(self.cost), width)
         self.q[x] = q
-        self.neighbours.append(near)
-        self.distances.append(distances)
-        for i, distance in zip(near.tolist(), distances.tolist(), strict=True):
-            self.neighbours[i] = np.append(self.neighbours[i], x)
-            self.distances[i] = np.append(self.distances[i], distance)
+        self.neighbours[x, : len(near)], self.distances[x, : len(near)] = near, distances
+        column = self.degree[near]
+        self.neighbours[near, column], self.distances[near, column] = x, distances
+        self.degree[near] += 1
+        self.degree[x] = len(near)
         self.count += 1
         return x
+
+    def _grow(self, rows: int, width: int) -> None:
+        """Make room for `rows` samples of `width` neighbours."""
+        old = len(self.cost)
+        shape = (rows, max(width + self.k, self.neighbours.shape[1]))
+        for name, empty in (("neighbours", -1), ("distances", np.inf)):
+            before = getattr(self, name)
+            table = np.full(shape, empty, before.dtype)
+            table[: len(before), : before.shape[1]] = before
+            setattr(self, name, table)
+        for name, empty, spare in (
+            ("q", 0.0, 0),
+            ("degree", 0, 0),
+            ("cost", np.inf, 0),
+            ("parent", -1, 0),
+            ("state", _UNVISITED, 1),
+            ("reach", np.inf, 1),
+        ):
+            before = getattr(self, name)
+            longer = np.full((rows + spare, *before.shape[1:]), empty, before.dtype)
+            longer[:old] = before[:old]
+            setattr(self, name, longer)
+        self.state[-1] = _CLOSED
 
     def _retract(self, node: int) -> None:
         """Block the edge to `node`, make it and all below it unvisited, and reopen what borders on them."""
@@ -241,9 +268,16 @@ class _Wave:
             below |= children
             grown = bool(children)
         lost = np.array(sorted(below))
-        self.state[lost], self.cost[lost], self.parent[lost] = _UNVISITED, np.inf, -1
+        self.state[lost], self.reach[lost] = _UNVISITED, np.inf
+        self.cost[lost], self.parent[lost] = np.inf, -1
         for i in below:
             self.edges.pop(i, None)
-        border = np.unique(np.concatenate([self.neighbours[i] for i in below]))
-        for i in border[self.state[border] == _CLOSED].tolist():
+        border = np.unique(self.neighbours[lost])
+        for i in border[(border >= 0) & (self.state[border] == _CLOSED)].tolist():
             self._open(i)
+
+
+def _way(q: np.ndarray, states: np.ndarray) -> float:
+    """Return the length of the way from q (n,) through states (T, n)."""
+    steps = np.diff(states, axis=0, prepend=q[None])
+    return float(np.sqrt(np.einsum("ij,ij->i", steps, steps)).sum())

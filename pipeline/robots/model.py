@@ -21,6 +21,8 @@ class Robot:
         model: pinocchio model; every joint has one degree of freedom.
         geometry: collision geometry, with the self-collision pairs to check.
         lower, upper: joint limits (n,) [rad or m].
+        travel: no point of a body moves farther than this times the joint distance [m per rad or m]; None where no
+            such bound is known. With it, one collision check with more margin stands for several between states.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Robot:
     geometry: pin.GeometryModel
     lower: np.ndarray
     upper: np.ndarray
+    travel: float | None = None
 
     @property
     def dimension(self) -> int:
@@ -96,7 +99,7 @@ def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -
     geometry = pin.GeometryModel()
     ball = pin.GeometryObject("point", joint, pin.SE3.Identity(), pin.hppfcl.Sphere(radius))
     geometry.addGeometryObject(ball)
-    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float))
+    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float), travel=1.0)
 
 
 def _compose(R: ca.SX, p: ca.SX, placement: pin.SE3) -> tuple[ca.SX, ca.SX]:

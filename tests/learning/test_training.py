@@ -21,7 +21,7 @@ from pipeline.learning.networks import Compnetx
 from pipeline.learning.training import Trained, TrainParameters, train
 
 ROOT = Path(__file__).parents[2]
-PARAMETERS = TrainParameters(epochs=5, batch_size=64, seed=3)
+PARAMETERS = TrainParameters(epochs=5, batch_size=64, warmup=4.0, seed=3)  # a killed run dies in the warm-up
 
 KILLED = """
 import os, signal
@@ -155,6 +155,23 @@ def test_learns(data, tmp_path):
     assert trained.metrics["val_loss"] < 0.1 * answers.var(axis=0).sum()
 
 
+def test_warm_up(data):
+    """The learning rate rises by equal steps to the one asked for and stays; without a warm-up it is that at once."""
+    voxels = torch.from_numpy(data.voxels).float()
+    module = CompnetxModule(Compnetx(SMALL), voxels, 0.01, warmup=4)
+    found = module.configure_optimizers()
+    optimizer, rise = found["optimizer"], found["lr_scheduler"]
+    assert rise["interval"] == "step"
+    rates = []
+    for _ in range(6):
+        rates.append(optimizer.param_groups[0]["lr"])
+        optimizer.step()
+        rise["scheduler"].step()
+    np.testing.assert_allclose(rates, [0.0025, 0.005, 0.0075, 0.01, 0.01, 0.01])
+    plain = CompnetxModule(Compnetx(SMALL), voxels, 0.01).configure_optimizers()
+    assert plain.param_groups[0]["lr"] == 0.01
+
+
 def test_moved_folder(data, tmp_path):
     """A best.ckpt that is not of the best epoch, as after an edit by hand, is refused and not published."""
     trained = run(data, tmp_path, epochs=2)
@@ -178,6 +195,7 @@ def test_diverged(data, tmp_path):
         ({"epochs": 0}, "epochs is 0"),
         ({"batch_size": 0}, "batch_size is 0"),
         ({"learning_rate": 0.0}, r"learning_rate is 0\.0"),
+        ({"warmup": -1.0}, r"warmup is -1\.0"),
         ({"threads": 0}, "threads is 0"),
         ({"seed": -1}, "seed is -1"),
     ],

@@ -52,6 +52,23 @@ def test_exponential_solves_equation_3(name):
             np.testing.assert_allclose(chart.tangent.T @ (found - chart.origin - chart.tangent @ u), 0, atol=1e-12)
 
 
+@pytest.mark.parametrize("count", [1, 5, 32])
+@pytest.mark.parametrize("name", SPACES)
+def test_many_are_lifted_as_one(name, count):
+    """Coordinates lifted together end where each ends alone, and the same of them converge."""
+    (space, _, points), rng = SPACES[name](), np.random.default_rng(4)
+    for q in points:
+        space.atlas.add(q)
+    charts = rng.integers(len(points), size=count)
+    U = rng.normal(scale=0.2, size=(count, space.constraint.manifold_dimension))
+    Q, lifted = space._lift(charts, U)
+    singles = [space.exponential(space.atlas.charts[i], u) for i, u in zip(charts, U, strict=True)]
+    assert lifted.tolist() == [q is not None for q in singles]
+    assert lifted.any()
+    for q, single in zip(Q[lifted], [q for q in singles if q is not None], strict=True):
+        np.testing.assert_allclose(q, single, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", SPACES)
 def test_logarithm_inverts_the_exponential(name):
     """log(exp(u)) = u for coordinates around a chart's origin, and exp(log(q)) = q for configurations there."""

@@ -1,5 +1,6 @@
 """What every walk keeps to, whichever the method: the manifold, its steps, obstacles, bounds and its target."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,7 @@ from pipeline.errors import ConfigError
 from pipeline.manifolds import AdherenceParameters, AtlasParameters, ProjectionAdherence, Stop
 from pipeline.robots import Validity
 from tests.manifolds.spaces import CHARTED, MARGIN, METHODS, arm_world, blocks, make, point_world, sphere_space
-from tests.robots.worlds import ball_clearance, chain, on_sphere, sphere
+from tests.robots.worlds import ball, ball_clearance, chain, on_sphere, sphere
 
 POLE, EQUATOR = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 
@@ -52,8 +53,12 @@ def test_states_keep_to_everything(method):
 @pytest.mark.parametrize("resolution, pieces", [(0.05, 1), (0.03, 2), (0.02, 3), (0.01, 5)])
 @pytest.mark.parametrize("method", METHODS)
 def test_collisions_are_checked_at_the_resolution(method, resolution, pieces, monkeypatch):
-    """Along every step all points are checked that divide it into pieces of the resolution, its end included."""
-    space, checked = sphere_space(method, resolution=resolution), []
+    """Along every step all points are checked that divide it into pieces of the resolution, its end included.
+
+    So it is where no bound on the robot's travel lets one check stand for several.
+    """
+    robot = replace(ball(), travel=None)
+    space, checked = make(method, sphere(), Validity(robot, [], MARGIN), resolution=resolution), []
     monkeypatch.setattr(space.validity, "collision_free", lambda q: checked.append(q.copy()) or True)
     target = np.array([0.0, 0.6, 0.8])
     states = np.vstack([EQUATOR, space.traverse(EQUATOR, target).states])
@@ -62,6 +67,45 @@ def test_collisions_are_checked_at_the_resolution(method, resolution, pieces, mo
     # The way to a state that is lifted was checked up to where it was before.
     assert distances.min(axis=1).max() <= (space.parameters.epsilon if method == "tangent bundle" else 1e-12)
     assert len(checked) == len(wanted)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_travel_only_changes_the_price(method):
+    """Walks of a robot whose travel is known take the same states and stops for fewer collision checks."""
+    space, obstacles, points = obstructed(4, method)
+    robot = replace(ball(upper=(1.5, 1.5, 0.8)), travel=None)
+    plain = make(method, sphere(), Validity(robot, obstacles, MARGIN))
+    stops = []
+    for a, b in pairs_of(points, 40):
+        walk, other = space.traverse(a, b), plain.traverse(a, b)
+        assert walk.stop is other.stop
+        np.testing.assert_array_equal(walk.states, other.states)
+        stops.append(walk.stop)
+    assert {Stop.REACHED, Stop.COLLISION} <= set(stops)
+    assert space.counted().collision_checks < 0.7 * plain.counted().collision_checks
+
+
+@pytest.mark.parametrize("count", [1, 8, 50])
+@pytest.mark.parametrize("method", METHODS)
+def test_screen_looks_at_quarters(method, count):
+    """An edge is refused exactly when a quarter point of its straight line, brought onto the sphere, collides."""
+    space, obstacles, points = obstructed(5, method)
+    ends = np.stack([np.stack(pair) for pair in pairwise(points)][:count])
+    quarters = ends[:, :1] + np.array([0.25, 0.5, 0.75])[:, None] * (ends[:, 1:] - ends[:, :1])
+    quarters /= np.linalg.norm(quarters, axis=2, keepdims=True)
+    clearance = ball_clearance(obstacles, quarters.reshape(-1, 3)).reshape(-1, 3).min(axis=1)
+    verdicts = space.screen(ends[:, 0], ends[:, 1])
+    assert verdicts.shape == (len(ends),)
+    decided = np.abs(clearance - MARGIN) > 1e-3  # the tolerance of the projection
+    np.testing.assert_array_equal(verdicts[decided], (clearance > MARGIN)[decided])
+    assert count < 50 or 5 < verdicts.sum() < len(ends) - 5
+
+
+def test_screen_lets_pass_what_it_cannot_judge():
+    """Where the straight line's points reach no manifold nothing is refused: the walk decides."""
+    space = sphere_space("projection", newton_steps=1)
+    q = np.array([[0.0, 0.0, 1.0]])
+    assert space.screen(q, -q).tolist() == [True]
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -181,15 +225,22 @@ def test_arm_stays_on_its_manifold(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_walks_count_their_work(method):
+def test_walks_count_their_work(method, monkeypatch):
     """Counters count traversals, collision checks and charts since the last reset, and a copy stays as it was."""
     space, _, points = obstructed(7, method)
-    before = space.validity.checks
+    checks = []
+    for checker in {space.validity, space.validity.widened(1.1 * 0.05 / 2)}:
+
+        def counting(q, ask=checker.collision_free):
+            checks.append(q)
+            return ask(q)
+
+        monkeypatch.setattr(checker, "collision_free", counting)
     for a, b in pairs_of(points, 5):
         space.traverse(a, b)
     counted = space.counted()
     assert counted.traversals == 5
-    assert counted.collision_checks == space.validity.checks - before > 0
+    assert counted.collision_checks == len(checks) > 0
     assert (counted.charts > 1) == (method in CHARTED)
     space.traverse(points[0], points[1])
     assert counted.traversals == 5
