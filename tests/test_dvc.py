@@ -292,7 +292,7 @@ def edit(copy):
         ("conf/demonstrations.yaml", "shortcuts", {"demonstrations"}),
         ("conf/profile/quick.yaml", "epochs", {"train", "report"}),
         ("conf/profile/quick.yaml", "test_pairs", {"scenes", "report"}),
-        ("conf/profile/quick.yaml", "recordings", {"benchmark", "choices", "report"}),
+        ("conf/profile/quick.yaml", "recordings", {"benchmark", "report"}),
         ("conf/profile/standard.yaml", "epochs", set()),
         ("conf/environment/sphere.yaml", "blocks", set(STAGES) - {"report"}),
         ("conf/planner/rrt.yaml", "range", set()),
@@ -350,6 +350,7 @@ def smoke(tmp_path_factory) -> tuple[Path, str]:
     for name, numbers in {
         "conf/environment/sphere.yaml": {"blocks": 80, "grid": 5000},
         "conf/planner/fmt.yaml": {"samples": 60},
+        "conf/planner/fmt_learned.yaml": {"samples": 60},
         "conf/benchmark.yaml": {"cloud": 20, "time_limit": 1.0},
         "conf/choices.yaml": {"time_limit": 0.1},
         "conf/scenes.yaml": {"workers": 1},

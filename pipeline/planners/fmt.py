@@ -36,7 +36,7 @@ class FmtStar(Planner):
 
     samples: int = 1000
     radius_multiplier: float = 1.1
-    heuristic: bool = True
+    heuristic: bool = False
     from_start: float = 0.5
     arrive: float = 0.1
 
