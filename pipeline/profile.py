@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields
 
 from pipeline.environments.base import Split
-from pipeline.errors import ConfigError
+from pipeline.errors import require
 
 
 @dataclass(frozen=True)
@@ -71,5 +71,4 @@ class Profile:
 
 def _positive(section: str, scale: object) -> None:
     for f in fields(scale):  # type: ignore[arg-type]  # every caller is a dataclass
-        if not getattr(scale, f.name) > 0:
-            raise ConfigError(f"profile.{section}.{f.name} is {getattr(scale, f.name)}; it must be above 0")
+        require(f"profile.{section}.{f.name}", getattr(scale, f.name), above=0)

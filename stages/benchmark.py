@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from pipeline.config import load
 from pipeline.environments import BANDS, BLOCKS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.environments.oracle import shards
-from pipeline.errors import ConfigError
+from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, benchmark_metrics, run_trials, sample_clouds
 from pipeline.files import atomic_folder, code_digest, digest, read_arrays, write_arrays, write_json, write_table
@@ -33,8 +33,7 @@ class Config:
     workers: int
 
     def __post_init__(self) -> None:
-        if self.cloud < 1:
-            raise ConfigError(f"cloud is {self.cloud}; it must be at least 1")
+        require("cloud", self.cloud, at_least=1)
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="benchmark")

@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 
 from pipeline.config import load
 from pipeline.environments import read_scenes
-from pipeline.errors import ConfigError
+from pipeline.errors import require
 from pipeline.files import atomic_folder, write_arrays
 from pipeline.perception import VoxelParameters, scene_voxels
 from pipeline.profile import Profile
@@ -22,8 +22,7 @@ class Perception:
     voxels: VoxelParameters
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ConfigError(f"perception.seed is {self.seed}; it must be at least 0")
+        require("perception.seed", self.seed, at_least=0)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ArtifactError, ConfigError, ProblemError
+from pipeline.errors import ArtifactError, ProblemError, require
 from pipeline.files import read_table, write_table
 from pipeline.robots import Obstacle, Robot, Validity, obstacles_from_frame, obstacles_to_frame
 
@@ -125,8 +125,7 @@ def unflatten(row: pd.Series) -> np.ndarray:
 
 def pick(problems: pd.DataFrame, scenario: str, splits: Sequence[Split], per_scene: int) -> pd.DataFrame:
     """Return the first `per_scene` problems of each scene of a scenario and its splits."""
-    if per_scene < 1:
-        raise ConfigError(f"problems per scene are {per_scene}; they must be at least 1")
+    require("the number of problems per scene", per_scene, at_least=1)
     names = [split.value for split in splits]
     chosen = problems[(problems.scenario == scenario) & problems.split.isin(names)]
     return chosen.groupby("scene", sort=False).head(per_scene).reset_index(drop=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.environments.base import Environment, Scene, flatten, validity
-from pipeline.errors import ConfigError, PipelineError
+from pipeline.errors import PipelineError, require
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS, Planner, Problem, Termination, path_length, shortcut
 from pipeline.samplers import UniformSampler
@@ -34,14 +34,12 @@ class Oracle:
 
     def __post_init__(self) -> None:
         for name, bound in (("max_iterations", 1), ("shortcuts", 0), ("seed", 0)):
-            if getattr(self, name) < bound:
-                raise ConfigError(f"oracle.{name} is {getattr(self, name)}; it must be at least {bound}")
+            require(f"oracle.{name}", getattr(self, name), at_least=bound)
 
 
 def shards(problems: pd.DataFrame, size: int) -> Iterator[tuple[str, pd.DataFrame]]:
     """Cut problems into pieces of at most `size` of one scene, with a name each."""
-    if size < 1:
-        raise ConfigError(f"shard is {size}; it must be at least 1")
+    require("shard", size, at_least=1)
     for scene, rows in problems.groupby("scene", sort=False):
         for first in range(0, len(rows), size):
             yield f"{scene}-{first:05d}", rows.iloc[first : first + size]

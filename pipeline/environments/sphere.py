@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.constraints import Constraint, sphere_constraint
 from pipeline.environments.base import Scene, Split
-from pipeline.errors import ConfigError, ProblemError
+from pipeline.errors import ConfigError, ProblemError, require
 from pipeline.robots import Obstacle, Robot, Shape, Validity, point_robot
 
 BLOCKS, BANDS = "blocks", "bands"
@@ -52,8 +52,7 @@ class Band:
             raise ConfigError(f"band.gap_axis is {self.gap_axis!r}; choices: x, y")
         if self.side not in (-1, 1):
             raise ConfigError(f"band.side is {self.side}; choices: -1, 1")
-        if not self.gap > 0:
-            raise ConfigError(f"band.gap is {self.gap} m; it must be above 0 m")
+        require("band.gap", self.gap, above=0, unit=" m")
 
     def obstacles(self, reach: float) -> list[Obstacle]:
         """Return the slab out to |x|, |y| = reach [m] as one box behind the gap and two beside it."""
@@ -92,15 +91,12 @@ class SphereEnvironment:
     def __post_init__(self) -> None:
         positive = ("radius", "robot_radius", "reach", "tolerance", "max_iterations", "block_size", "latitude", "grid")
         for name in positive:
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigError(f"environment.{name} is {getattr(self, name)}; it must be finite and above 0")
+            require(f"environment.{name}", getattr(self, name), above=0)
         for name in ("seed", "blocks", "margin", "slack"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise ConfigError(f"environment.{name} is {getattr(self, name)}; it must be finite and at least 0")
+            require(f"environment.{name}", getattr(self, name), at_least=0)
         if self.reach <= self.radius:
             raise ConfigError(f"environment.reach is {self.reach} m; it must be above the radius, {self.radius} m")
-        if self.latitude > 1:
-            raise ConfigError(f"environment.latitude is {self.latitude}; it must be at most 1 (the poles)")
+        require("environment.latitude", self.latitude, at_most=1)  # the poles
 
     def robot(self) -> Robot:
         """Return the point mass."""
@@ -116,8 +112,7 @@ class SphereEnvironment:
         Scene i depends on the seed and i only: a smaller profile has the first scenes of a larger one's splits.
         """
         for split, count in counts.items():
-            if count < 0:
-                raise ConfigError(f"scenes.{split.value} is {count}; it must be at least 0")
+            require(f"scenes.{split.value}", count, at_least=0)
         found = []
         for k, split in enumerate(Split):
             for i in range(counts.get(split, 0)):
@@ -134,8 +129,7 @@ class SphereEnvironment:
         Raises:
             ProblemError: the scene has no room for a start and a goal.
         """
-        if count < 0:
-            raise ConfigError(f"the number of problems is {count}; it must be at least 0")
+        require("the number of problems", count, at_least=0)
         rng = np.random.default_rng([self.seed, 2, *scene.name.encode()])
         space = _FreeSpace(self, scene)
         rows: list[dict[str, object]] = []

@@ -16,7 +16,7 @@ import pandas as pd
 
 from pipeline.environments import Environment, Scene, validity
 from pipeline.environments.oracle import Oracle, demonstrate, shards
-from pipeline.errors import ConfigError
+from pipeline.errors import require
 from pipeline.evaluation.statistics import summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.learning import CompnetxNetwork
@@ -51,8 +51,7 @@ class Parts:
 
     def __post_init__(self) -> None:
         for name in ("plans", "calls"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"parts.{name} is {getattr(self, name)}; it must be at least 1")
+            require(f"parts.{name}", getattr(self, name), at_least=1)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.environments import Environment, Scene, validity
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 from pipeline.evaluation.statistics import Summary, paired_interval, summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, AtlasParameters, make_adherence
@@ -48,8 +48,7 @@ class Spacing:
     problems: int
 
     def __post_init__(self) -> None:
-        if self.problems < 1:
-            raise ConfigError(f"spacing {self.delta}: problems is {self.problems}; it must be at least 1")
+        require(f"spacing {self.delta}: problems", self.problems, at_least=1)
 
 
 @dataclass(frozen=True)
@@ -78,8 +77,7 @@ class Contest:
         for key, choice in self.planners.items():
             if choice.kind not in _PEERS:
                 raise ConfigError(f"planners.{key} is {choice.kind!r}; those with a peer in OMPL: {', '.join(_PEERS)}")
-        if self.seed < 0:
-            raise ConfigError(f"seed is {self.seed}; it must be at least 0")
+        require("seed", self.seed, at_least=0)
 
     @property
     def labels(self) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.environments import Environment, Scene, flatten, validity
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
@@ -47,10 +47,8 @@ class Experiment:
     def __post_init__(self) -> None:
         if not self.methods or not self.adherences:
             raise ConfigError("an experiment needs at least one method and one adherence")
-        if not 0 < self.time_limit < np.inf:
-            raise ConfigError(f"time_limit is {self.time_limit} s; it must be finite and above 0 s")
-        if self.seed < 0:
-            raise ConfigError(f"seed is {self.seed}; it must be at least 0")
+        require("time_limit", self.time_limit, above=0, unit=" s")
+        require("seed", self.seed, at_least=0)
 
 
 def run_trials(

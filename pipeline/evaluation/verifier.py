@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 from pipeline.robots import Validity
 
 _DIFFERENCE = 1e-7  # of forward differences; the Jacobian's error of about 1e-7 only costs digits per iteration
@@ -63,8 +63,8 @@ class VerifierParameters:
     def __post_init__(self) -> None:
         for name in ("step", "leap", "tolerance", "inner", "jump", "overshoot", "endpoint"):
             value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise ConfigError(f"verifier.{name} is {value}; it must be finite and above 0")
+            if value is not None:
+                require(f"verifier.{name}", value, above=0)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import torch
 from torch import nn
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,15 @@ class NetworkParameters:
     def __post_init__(self) -> None:
         object.__setattr__(self, "hidden", tuple(self.hidden))  # a list when it comes from a configuration file
         for name in ("dimension", "scene_hidden", "scene_code", "task_hidden", "task_code"):
-            _at_least(1, name, getattr(self, name))
-        _at_least(0, "task_input", self.task_input)
-        _at_least(11, "grid", self.grid)  # the smallest that leaves a cell after both convolutions and the pooling
+            require(f"network.{name}", getattr(self, name), at_least=1)
+        require("network.task_input", self.task_input, at_least=0)
+        require(
+            "network.grid", self.grid, at_least=11
+        )  # the smallest that leaves a cell after both convolutions and the pooling
         if not self.hidden or min(self.hidden) < 1:
             raise ConfigError(f"network.hidden is {self.hidden}; it must name at least one layer of at least one unit")
-        if not 0 <= self.dropout < 1:
-            raise ConfigError(f"network.dropout is {self.dropout}; it must be at least 0 and below 1")
-        if not 0 <= self.dropout_layers <= len(self.hidden):
-            raise ConfigError(
-                f"network.dropout_layers is {self.dropout_layers}; it must be at least 0 and at most "
-                f"{len(self.hidden)}, the number of hidden layers"
-            )
+        require("network.dropout", self.dropout, at_least=0, below=1)
+        require("network.dropout_layers", self.dropout_layers, at_least=0, at_most=len(self.hidden))
 
     @property
     def code(self) -> int:
@@ -151,8 +148,3 @@ class Compnetx(nn.Module):
     ) -> torch.Tensor:
         """Return the next configurations (B, n), normalised as `current` and `target` (B, n) are (equation 6)."""
         return self.generator(torch.cat([codes, current, target], dim=1), masks)
-
-
-def _at_least(bound: int, name: str, value: int) -> None:
-    if value < bound:
-        raise ConfigError(f"network.{name} is {value}; it must be at least {bound}")

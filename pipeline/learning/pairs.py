@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.errors import ArtifactError, ConfigError, require
 
 Project = Callable[[np.ndarray], np.ndarray]
 
@@ -82,8 +82,7 @@ def demonstration_pairs(
         ArtifactError: a column is missing, a path does not fit its shape or is not finite, a scene is unknown, or
             `project` lost configurations.
     """
-    if not 0 < spacing < np.inf:
-        raise ConfigError(f"spacing is {spacing}; it must be finite and above 0")
+    require("spacing", spacing, above=0)
     missing = [name for name in COLUMNS if name not in frame]
     if missing:
         raise ArtifactError(f"demonstrations lack the columns {missing}; expected {list(COLUMNS)}")

@@ -19,7 +19,7 @@ import pandas as pd
 import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, RichProgressBar
 
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.errors import ArtifactError, require
 from pipeline.files import VERSION, digest
 from pipeline.learning.batches import Batches, TrainingData
 from pipeline.learning.model import Model, Normalisation, network_from
@@ -59,12 +59,9 @@ class TrainParameters:
 
     def __post_init__(self) -> None:
         for name, bound in (("epochs", 1), ("batch_size", 1), ("seed", 0), ("threads", 1)):
-            if getattr(self, name) < bound:
-                raise ConfigError(f"train.{name} is {getattr(self, name)}; it must be at least {bound}")
-        if not 0 < self.learning_rate < float("inf"):
-            raise ConfigError(f"train.learning_rate is {self.learning_rate}; it must be finite and above 0")
-        if not 0 <= self.warmup < float("inf"):
-            raise ConfigError(f"train.warmup is {self.warmup} epochs; it must be finite and at least 0")
+            require(f"train.{name}", getattr(self, name), at_least=bound)
+        require("train.learning_rate", self.learning_rate, above=0)
+        require("train.warmup", self.warmup, at_least=0)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ConfigError, ConstraintError
+from pipeline.errors import ConstraintError, require
 from pipeline.manifolds.base import AdherenceParameters, length
 
 
@@ -31,16 +31,11 @@ class AtlasParameters(AdherenceParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, low, high in (
-            ("epsilon", 0.0, np.inf),
-            ("alpha", 0.0, np.pi / 2),
-            ("rho", 0.0, np.inf),
-            ("exploration", -1e-12, 1.0),
-            ("max_charts", 1, np.inf),
-        ):
-            value = getattr(self, name)
-            if not low < value < high:
-                raise ConfigError(f"adherence.{name} is {value}; it must be above {max(low, 0.0)} and below {high:.4g}")
+        require("adherence.epsilon", self.epsilon, above=0)
+        require("adherence.alpha", self.alpha, above=0, below=np.pi / 2)
+        require("adherence.rho", self.rho, above=0)
+        require("adherence.exploration", self.exploration, at_least=0, below=1)
+        require("adherence.max_charts", self.max_charts, above=1)
 
 
 class Chart:

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from pipeline.constraints import Compiled, Constraint
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 from pipeline.robots import Validity
 
 _QUARTERS = (0.5, 0.25, 0.75)  # the middle first: it is the farthest from both free ends
@@ -103,9 +103,9 @@ class AdherenceParameters:
 
     def __post_init__(self) -> None:
         for name in ("step", "leap", "wander", "resolution"):
-            _require(name, getattr(self, name), 0.0, np.inf)
+            require(f"adherence.{name}", getattr(self, name), above=0)
         for name in ("max_steps", "newton_steps", "lookahead"):
-            _require(name, getattr(self, name), 0, np.inf)
+            require(f"adherence.{name}", getattr(self, name), at_least=1)
         if self.resolution > self.step:
             raise ConfigError(f"adherence.resolution is {self.resolution}; it must be at most step = {self.step}")
 
@@ -308,8 +308,3 @@ def first_code(conditions: list[tuple[ca.SX, Stop]]) -> ca.SX:
     for condition, stop in reversed(conditions):
         code = ca.if_else(condition, stop.value, code)
     return code
-
-
-def _require(name: str, value: float, above: float, below: float) -> None:
-    if not above < value < below:
-        raise ConfigError(f"adherence.{name} is {value}; it must be above {above} and below {below}")

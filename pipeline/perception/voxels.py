@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 from pipeline.perception.surface import surface_points
 from pipeline.robots import Obstacle
 
@@ -39,8 +39,7 @@ class VoxelParameters:
         if not np.shape(self.lower) == np.shape(self.upper) == (3,):
             raise ConfigError(f"voxel bounds are {self.lower} to {self.upper}; each needs x, y and z [m]")
         _check_grid(self.bounds, self.size)
-        if not 0 <= self.density < np.inf:
-            raise ConfigError(f"voxels.density is {self.density} points/m^2; it must be finite and at least 0")
+        require("voxels.density", self.density, at_least=0)
         if self.shell is not None and not (
             np.shape(self.shell) == (2,) and all(0 < value < np.inf for value in self.shell)
         ):
@@ -100,7 +99,6 @@ def _inside(points: np.ndarray, bounds: np.ndarray) -> np.ndarray:
 
 
 def _check_grid(bounds: np.ndarray, size: int) -> None:
-    if size < 1:
-        raise ConfigError(f"voxels.size is {size}; it must be at least 1")
+    require("voxels.size", size, at_least=1)
     if bounds.shape != (2, 3) or not np.isfinite(bounds).all() or not (bounds[0] < bounds[1]).all():
         raise ConfigError(f"voxel bounds are {bounds.tolist()}; expected finite corners (2, 3) [m], lower below upper")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ConfigError, ProblemError
+from pipeline.errors import ConfigError, ProblemError, require
 from pipeline.manifolds import Adherence, Counters
 from pipeline.samplers.base import Sampler
 
@@ -42,8 +42,8 @@ class Termination:
             raise ConfigError("termination needs a time_limit [s] or max_iterations; both are empty")
         for name in ("time_limit", "max_iterations", "cost_below"):
             value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise ConfigError(f"termination.{name} is {value}; it must be finite and above 0")
+            if value is not None:
+                require(f"termination.{name}", value, above=0)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.errors import ConfigError
+from pipeline.errors import require
 from pipeline.manifolds import Adherence
 from pipeline.manifolds.base import length
 from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
@@ -41,16 +41,10 @@ class FmtStar(Planner):
     arrive: float = 0.1
 
     def __post_init__(self) -> None:
-        if self.samples < 3:
-            raise ConfigError(f"planner.samples is {self.samples}; FMT* needs at least 3 (start, goal and one more)")
-        for name, low, high in (
-            ("radius_multiplier", 0.0, np.inf),
-            ("from_start", -1e-12, 1 + 1e-12),
-            ("arrive", -1e-12, np.inf),
-        ):
-            value = getattr(self, name)
-            if not low < value < high:
-                raise ConfigError(f"planner.{name} is {value}; it must be above {low:.2g} and below {high:.2g}")
+        require("planner.samples", self.samples, at_least=3)  # start, goal and one more
+        require("planner.radius_multiplier", self.radius_multiplier, above=0)
+        require("planner.from_start", self.from_start, at_least=0, at_most=1)
+        require("planner.arrive", self.arrive, at_least=0)
 
     def _search(
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock

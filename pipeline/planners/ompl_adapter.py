@@ -23,7 +23,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence
 from pipeline.planners.base import PlanResult, PlanStatus, Problem, Termination
 
@@ -78,14 +78,13 @@ class OmplParameters:
     project_override: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 <= self.exploration < 1:
-            raise ConfigError(f"ompl.exploration is {self.exploration}; it must be at least 0 and below 1")
+        require("ompl.exploration", self.exploration, at_least=0, below=1)
         bounds = {"leap": (1, np.inf), "alpha": (0, np.pi / 2), "backoff": (0, 1)}
         rest = ("delta", "epsilon", "rho", "charts_per_extension", "range", "num_samples", "radius_multiplier")
         for name in (*bounds, *rest):
             value, (above, below) = getattr(self, name), bounds.get(name, (0, np.inf))
-            if value is not None and not above < value < below:
-                raise ConfigError(f"ompl.{name} is {value}; it must be above {above} and below {below}")
+            if value is not None:
+                require(f"ompl.{name}", value, above=above, below=below)
 
 
 @dataclass

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.errors import ConfigError
+from pipeline.errors import require
 from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
 from pipeline.planners.tree import Tree
 from pipeline.samplers.base import Sampler
@@ -25,12 +25,9 @@ class Rrt(Planner):
     node_states: int = 4
 
     def __post_init__(self) -> None:
-        if not self.range > 0:
-            raise ConfigError(f"planner.range is {self.range}; it must be above 0")
-        if not 0 < self.goal_bias <= 1:
-            raise ConfigError(f"planner.goal_bias is {self.goal_bias}; it must be above 0 and at most 1")
-        if self.node_states < 1:
-            raise ConfigError(f"planner.node_states is {self.node_states}; it must be at least 1")
+        require("planner.range", self.range, above=0)
+        require("planner.goal_bias", self.goal_bias, above=0, at_most=1)
+        require("planner.node_states", self.node_states, at_least=1)
 
     def _search(
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.errors import ConfigError, ProblemError
+from pipeline.errors import ProblemError, require
 from pipeline.learning import CompnetxNetwork
 from pipeline.manifolds import Adherence
 from pipeline.samplers.base import Sampler
@@ -29,10 +29,8 @@ class CompnetxSampler(Sampler):
     informed = True
 
     def __init__(self, network: CompnetxNetwork, voxels: Mapping[str, np.ndarray], batch: int, n_ismp: int) -> None:
-        if batch < 1:
-            raise ConfigError(f"sampler.batch is {batch}; it must be at least 1")
-        if n_ismp < 0:
-            raise ConfigError(f"sampler.n_ismp is {n_ismp}; it must be at least 0")
+        require("sampler.batch", batch, at_least=1)
+        require("sampler.n_ismp", n_ismp, at_least=0)
         self.network, self.voxels, self.batch, self.n_ismp = network, voxels, batch, n_ismp
         self.fallback = UniformSampler()
 

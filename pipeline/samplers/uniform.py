@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.errors import ConfigError
+from pipeline.errors import require
 from pipeline.manifolds import Adherence
 from pipeline.samplers.base import Sampler
 
@@ -17,8 +17,7 @@ class UniformSampler(Sampler):
 
     def __init__(self, batch: int = 64, block: int = 32) -> None:
         for name, value in (("batch", batch), ("block", block)):
-            if value < 1:
-                raise ConfigError(f"sampler.{name} is {value}; it must be at least 1")
+            require(f"sampler.{name}", value, at_least=1)
         self.batch, self.block = batch, block
 
     def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:

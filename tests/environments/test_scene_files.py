@@ -103,5 +103,5 @@ def test_pick_takes_the_first_of_each_scene():
     assert len(pick(frame, "a", [Split.TEST, Split.TRAIN], 9)) == 7
     assert len(pick(frame, "b", [Split.VALIDATION], 9)) == 0
     for count in (0, -1):
-        with pytest.raises(ConfigError, match=f"problems per scene are {count}; they must be at least 1"):
+        with pytest.raises(ConfigError, match=f"problems per scene is {count}; it must be at least 1"):
             pick(frame, "a", [Split.TEST], count)

@@ -11,6 +11,7 @@ import pytest
 
 from pipeline.config import compose, load
 from pipeline.errors import ConfigError
+from pipeline.evaluation.bench import Bench
 from pipeline.evaluation.costs import PARTS, SCALING, scaling_lines, times_us
 from pipeline.evaluation.peers import (
     ORDINARY,
@@ -23,7 +24,6 @@ from pipeline.evaluation.peers import (
     parity_table,
     planning_table,
 )
-from stages.bench import Config
 
 ROOT = Path(__file__).parents[2]
 SMALL = (
@@ -243,4 +243,4 @@ def test_each_argument_is_timed():
 def test_wrong_settings_are_refused(override, message):
     """A setting that cannot be measured is refused by name, before anything is measured."""
     with pytest.raises(ConfigError, match=re.escape(message)):
-        load(compose("bench", [override]), Config)
+        load(compose("bench", [override]), Bench)

@@ -1,0 +1,124 @@
+"""Everything `make bench` measures: what parts cost, planning against OMPL, scaling of the demonstrations."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import torch
+
+from pipeline.environments import BLOCKS, ENVIRONMENTS, Split
+from pipeline.environments.oracle import Oracle
+from pipeline.errors import ConfigError, require
+from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lines, scaling_table
+from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_table, planning_table
+from pipeline.learning import CompnetxNetwork, Model, Normalisation, load_model
+from pipeline.learning.networks import Compnetx
+from pipeline.learning.recipe import ModelConfig
+from pipeline.parallel import single_threaded
+from pipeline.perception import VoxelParameters, scene_voxels
+from pipeline.robots import Robot
+from pipeline.schema import Choice
+
+
+@dataclass(frozen=True)
+class Perception:
+    """How scenes become voxels; see `conf/perception/`."""
+
+    seed: int
+    voxels: VoxelParameters
+
+
+@dataclass(frozen=True)
+class Goals:
+    """What is promised: least ratio of OMPL's median time to ours by planner, least speed-up of two workers."""
+
+    planners: dict[str, float]
+    workers: float
+
+
+@dataclass(frozen=True)
+class Bench:
+    """See `conf/bench.yaml`."""
+
+    environment: Choice
+    perception: Perception
+    model: ModelConfig
+    trained: Path | None
+    scenes: int
+    contest: Contest
+    parts: Parts
+    oracle: Oracle
+    demonstrations: int
+    shard: int
+    goals: Goals
+    output: Path | None
+
+    def __post_init__(self) -> None:
+        for name in ("scenes", "demonstrations"):
+            require(name, getattr(self, name), at_least=1)
+        if set(self.goals.planners) != set(self.contest.labels):
+            raise ConfigError(f"goals.planners has {list(self.goals.planners)}; expected {self.contest.labels}")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What `measure` found.
+
+    Attributes:
+        place: where, in words.
+        network: which weights, in words of Markdown.
+        goals: one sentence per goal, met or not.
+        parts, planning, parity, scaling: tables, see `costs` and `peers`.
+    """
+
+    place: str
+    network: str
+    goals: list[str]
+    parts: pd.DataFrame
+    planning: pd.DataFrame
+    parity: pd.DataFrame
+    scaling: pd.DataFrame
+
+
+def measure(bench: Bench) -> Measured:
+    """Measure everything, on validation scenes."""
+    environment, contest = bench.environment.make(ENVIRONMENTS, "environment"), bench.contest
+    found = environment.scenes({Split.VALIDATION: bench.scenes})
+    scenes = {scene.name: scene for scene in found if scene.scenario == BLOCKS}
+    per_scene = -(-max(contest.problems, bench.demonstrations) // len(scenes))
+    problems = pd.concat([environment.problems(scene, per_scene) for scene in scenes.values()])
+    problems = problems.sort_values("problem", kind="stable")  # the first of every scene, then the second ones
+    model = load_model(bench.trained) if bench.trained else _untrained(bench.model, environment.robot(), contest.seed)
+    voxels = scene_voxels(next(iter(scenes.values())).obstacles, bench.perception.voxels, bench.perception.seed)
+    place = Workplace(
+        environment,
+        scenes,
+        problems,
+        contest.adherences,
+        contest.verifier,
+        bench.parts,
+        contest.time_limit,
+        contest.seed,
+    )
+    with single_threaded():
+        parts = parts_table(place, CompnetxNetwork(model), voxels)
+        trials = contest_trials(contest, environment, scenes, problems)
+    scaling = scaling_table(bench.oracle, environment, scenes, problems.iloc[: bench.demonstrations], bench.shard)
+    planning = planning_table(trials)
+    return Measured(
+        place=f"{len(scenes)} validation scenes of {environment.name}, {environment.blocks} blocks each",
+        network=f"`{bench.trained}`" if bench.trained else "freshly initialised; cost does not depend on weights",
+        goals=[*goal_lines(planning, bench.goals.planners), *scaling_lines(scaling, bench.goals.workers)],
+        parts=parts,
+        planning=planning,
+        parity=parity_table(trials),
+        scaling=scaling,
+    )
+
+
+def _untrained(config: ModelConfig, robot: Robot, seed: int) -> Model:
+    """Return a model with the initial weights of its sizes."""
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        network = Compnetx(config.network).eval()
+    return Model(config.network, Normalisation(tuple(robot.lower), tuple(robot.upper), config.centre), network)
