@@ -29,8 +29,9 @@ class Termination:
     Attributes:
         time_limit: [s].
         max_iterations: of the planner's outer loop.
-        cost_below: keep improving until the path is shorter than this; None stops at the first path. Only planners
-            that improve paths use it.
+        cost_below: keep improving until the path is shorter than this [rad or m]; None stops at the first path. Our
+            planners do not improve a path: they search anew, with the charts they have, and keep the shortest. The
+            best path found is the result also where another bound ends the search first.
     """
 
     time_limit: float | None = None
@@ -176,21 +177,27 @@ class Planner(ABC):
         space = problem.adherence
         space.reset()
         clock = Clock(termination)
-        sampler.start(space, np.random.default_rng(seed), problem.scene)
+        rng, network_time = np.random.default_rng(seed), 0.0
         space.anchor(problem.start)
         space.anchor(problem.goal)
-        status: PlanStatus
-        path: np.ndarray | None
+        status = PlanStatus.SOLVED
+        path: np.ndarray | None = None
         if np.array_equal(problem.start, problem.goal):
-            status, path = PlanStatus.SOLVED, np.stack([problem.start, problem.goal])
-        else:
-            status, path = self._search(problem, sampler, termination, clock)
+            path = np.stack([problem.start, problem.goal])
+        while path is None or (termination.cost_below is not None and path_length(path) >= termination.cost_below):
+            sampler.start(space, rng, problem.scene)
+            status, found = self._search(problem, sampler, termination, clock)
+            network_time += getattr(sampler, "network_time", 0.0)
+            if found is not None and (path is None or path_length(found) < path_length(path)):
+                path = found
+            if status is not PlanStatus.SOLVED:
+                break
         elapsed = clock.elapsed
         return PlanResult(
-            status=status,
+            status=status if path is None else PlanStatus.SOLVED,
             path=path if path is not None else np.empty((0, space.dimension)),
             planning_time=elapsed,
-            network_time=getattr(sampler, "network_time", 0.0),
+            network_time=network_time,
             iterations=clock.iterations,
             counters=space.counted(),
             seed=seed,

@@ -18,7 +18,7 @@ from tests.planners.scenes import (
     solve,
     space_of,
 )
-from tests.robots.worlds import on_sphere
+from tests.robots.worlds import block, on_sphere
 
 SOLVABLE = [scene(seed, 1.2) for seed in (0, 1, 2)]
 UNSOLVABLE = [scene(seed, 0.0) for seed in (3, 4)]
@@ -83,6 +83,39 @@ def test_first_of_two_limits(planner):
     problem = Problem(space_of("projection", s), s.start, s.goal)
     result = PLANNERS[planner].plan(problem, UniformSampler(), Termination(time_limit=60, max_iterations=5), 0)
     assert result.status is PlanStatus.ITERATION_LIMIT and result.iterations == 5
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_cost_bound(planner):
+    """With a bound on the cost a search goes on until its path is shorter, and repeats; the first path was not."""
+    start, goal = np.array([0.0, 0.6, 0.8]), np.array([0.6, -0.8, 0.0])
+    wall = block(np.array([0.5, -0.1, 0.8]) / np.linalg.norm([0.5, -0.1, 0.8]), (0.6, 0.6, 0.4))
+    s = Scene(start, goal, (wall,))
+    space = space_of("projection", s)
+    problem = Problem(space, start, goal)
+    firsts = [solve(PLANNERS[planner], space, s, seed) for seed in range(8)]
+    lengths = [path_length(result.path) for result in firsts]
+    seed = int(np.argmax(lengths))
+    bound = (min(lengths) + max(lengths)) / 2
+    wanted = Termination(max_iterations=50_000, cost_below=bound)
+    result, again = (PLANNERS[planner].plan(problem, UniformSampler(), wanted, seed) for _ in range(2))
+    assert result.solved and path_length(result.path) < bound <= lengths[seed]
+    assert_sound(result.path, s)
+    np.testing.assert_array_equal(again.path, result.path)
+    assert result.iterations > firsts[seed].iterations
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_cost_bound_out_of_reach(planner):
+    """Where no path is as short as asked, the limit ends the search and the best path found is the result."""
+    start, goal = np.array([0.0, 0.6, 0.8]), np.array([0.6, -0.8, 0.0])
+    s = Scene(start, goal, ())
+    space = space_of("projection", s)
+    first = solve(PLANNERS[planner], space, s)
+    limits = Termination(max_iterations=first.iterations + 400, cost_below=0.5 * np.linalg.norm(goal - start))
+    result = PLANNERS[planner].plan(Problem(space, start, goal), UniformSampler(), limits, 0)
+    assert result.solved and result.iterations == first.iterations + 400
+    assert path_length(result.path) <= path_length(first.path)
 
 
 @pytest.mark.parametrize("heuristic", [True, False])
