@@ -188,10 +188,10 @@ class Planner(ABC):
             sampler.start(space, rng, problem.scene)
             status, found = self._search(problem, sampler, termination, clock)
             network_time += getattr(sampler, "network_time", 0.0)
-            if found is not None and (path is None or path_length(found) < path_length(path)):
-                path = found
-            if status is not PlanStatus.SOLVED:
+            if found is None:
                 break
+            if path is None or path_length(found) < path_length(path):
+                path = found
         elapsed = clock.elapsed
         return PlanResult(
             status=status if path is None else PlanStatus.SOLVED,
