@@ -46,9 +46,8 @@ class NetworkParameters:
         for name in ("dimension", "scene_hidden", "scene_code", "task_hidden", "task_code"):
             require(f"network.{name}", getattr(self, name), at_least=1)
         require("network.task_input", self.task_input, at_least=0)
-        require(
-            "network.grid", self.grid, at_least=11
-        )  # the smallest that leaves a cell after both convolutions and the pooling
+        # The smallest grid that leaves a cell after both convolutions and the pooling.
+        require("network.grid", self.grid, at_least=11)
         if not self.hidden or min(self.hidden) < 1:
             raise ConfigError(f"network.hidden is {self.hidden}; it must name at least one layer of at least one unit")
         require("network.dropout", self.dropout, at_least=0, below=1)

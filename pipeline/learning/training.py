@@ -41,7 +41,7 @@ class TrainParameters:
         learning_rate: of Adagrad (0.01: compnetx.txt, appendix C).
         warmup: epochs over which the learning rate rises to it from next to nothing. Adagrad's first steps are as long
             as its learning rate for every weight, however small the gradient: without a warm-up they throw the first
-            weights away, and where a run ends depends on its seed more than on its length. Not in the paper.
+            weights away. Not in the paper.
         seed: of the first weights, the order of the pairs and the dropout masks.
         threads: of torch; part of what determines the last bits of the weights. No more than there are idle cores:
             where two threads share a core with another process, a step takes twenty times as long (measured: 1.05 s

@@ -199,7 +199,7 @@ class Adherence(ABC):
         """Tell for edges, rows of q_from and q_to (m, n), whether a walk along them is worth its price (m,).
 
         False where a point a quarter, half or three quarters of the way, projected from the straight line, collides:
-        what fails among obstacles mostly fails there, at a tenth of the price of the walk. True promises nothing. On
+        what fails among obstacles mostly fails there, at a fraction of the price of the walk. True promises nothing. On
         an edge long against the manifold's curvature the walk may pass elsewhere and be refused without need.
         """
         free, size = self.validity.collision_free, 3 * self.dimension

@@ -2,7 +2,7 @@
 
 The robot's geometry sits in pinocchio's broad-phase manager, which runs the kinematics and moves the bounding boxes;
 the obstacles sit in a coal tree that is built once. One query of tree against tree costs a logarithm of the number of
-obstacles (1.4 us from Python against 500 blocks), where a manager over all pairs costs a multiple of it.
+obstacles (1.6 us from Python against 500 blocks), where a manager over all pairs costs a multiple of it.
 """
 
 from collections.abc import Sequence
