@@ -8,21 +8,11 @@ from omegaconf import DictConfig
 
 from pipeline.config import load
 from pipeline.environments import read_scenes
-from pipeline.errors import require
 from pipeline.files import atomic_folder, write_arrays
-from pipeline.perception import VoxelParameters, scene_voxels
+from pipeline.perception import Perception, scene_voxels
 from pipeline.profile import Profile
 from pipeline.schema import Choice
 from pipeline.stage import folder, guarded
-
-
-@dataclass(frozen=True)
-class Perception:
-    seed: int
-    voxels: VoxelParameters
-
-    def __post_init__(self) -> None:
-        require("perception.seed", self.seed, at_least=0)
 
 
 @dataclass(frozen=True)

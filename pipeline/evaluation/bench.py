@@ -15,17 +15,9 @@ from pipeline.learning import CompnetxNetwork, Model, Normalisation, load_model
 from pipeline.learning.networks import Compnetx
 from pipeline.learning.recipe import ModelConfig
 from pipeline.parallel import single_threaded
-from pipeline.perception import VoxelParameters, scene_voxels
+from pipeline.perception import Perception, scene_voxels
 from pipeline.robots import Robot
 from pipeline.schema import Choice
-
-
-@dataclass(frozen=True)
-class Perception:
-    """How scenes become voxels; see `conf/perception/`."""
-
-    seed: int
-    voxels: VoxelParameters
 
 
 @dataclass(frozen=True)

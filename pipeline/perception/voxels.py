@@ -51,6 +51,17 @@ class VoxelParameters:
         return np.array([self.lower, self.upper], float)
 
 
+@dataclass(frozen=True)
+class Perception:
+    """How scenes become voxels; see `conf/perception/`."""
+
+    seed: int
+    voxels: VoxelParameters
+
+    def __post_init__(self) -> None:
+        require("perception.seed", self.seed, at_least=0)
+
+
 def voxelise(points: np.ndarray, bounds: np.ndarray, size: int) -> np.ndarray:
     """Return which cells of a grid hold at least one point.
 
