@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -20,7 +21,7 @@ from pipeline.constraints import Compiled, Constraint
 from pipeline.errors import ConfigError, require
 from pipeline.robots import Validity
 
-_QUARTERS = (0.5, 0.25, 0.75)  # the middle first: it is the farthest from both free ends
+_SIXTEENTHS = (8, 4, 12, 2, 6, 10, 14, *range(1, 16, 2))  # of an edge: its middle, farthest from both free ends, first
 _EDGES = 8  # screened at a time
 
 
@@ -74,7 +75,7 @@ class Counters:
     nearest_queries: int = 0
     network_calls: int = 0
     charts: int = 0
-    repairs: int = 0  # edges removed because the finer walk along a found path failed
+    repairs: int = 0  # edges of a found path that the walk or the finer walk along it refused
 
 
 @dataclass(frozen=True)
@@ -195,40 +196,58 @@ class Adherence(ABC):
             inside = ((X >= self.lower) & (X <= self.upper)).all(axis=1)
         return X[converged & inside]
 
-    def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> np.ndarray:
-        """Tell for edges, rows of q_from and q_to (m, n), whether a walk along them is worth its price (m,).
+    def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tell of edges, rows of q_from and q_to (m, n), whether they look free (m,), and about how long they are (m,).
 
-        False where a point a quarter, half or three quarters of the way, projected from the straight line, collides:
-        what fails among obstacles mostly fails there, at a fraction of the price of the walk. True promises nothing. On
-        an edge long against the manifold's curvature the walk may pass elsewhere and be refused without need.
+        Looks at points every sixteenth of the straight line, projected, the middle first: what fails among obstacles
+        fails there, at a fraction of the price of a walk. True promises nothing: the walk decides. On an edge long
+        against the manifold's curvature the walk may pass elsewhere and be refused without need. The length is that of
+        the way through these points [rad or m].
         """
-        free, size = self.validity.collision_free, 3 * self.dimension
         verdicts: list[bool] = []
+        lengths = np.empty(len(q_from))
         for first in range(0, len(q_from), _EDGES):
-            count = min(_EDGES, len(q_from) - first)
-            for argument, ends in zip(self._quarters.arguments, (q_from, q_to), strict=True):
-                argument[:count] = ends[first : first + count]
-            points, violations = self._quarters.evaluate()
-            points = points.reshape(-1)[: count * size].reshape(count, 3, -1)
-            near = (violations.reshape(-1)[: 3 * count] < self.constraint.tolerance**2).reshape(count, 3).tolist()
-            # A point that did not reach the manifold tells nothing.
-            verdicts += [
-                all(free(q) for q, counts in zip(rows, counted, strict=True) if counts)
-                for rows, counted in zip(points.copy(), near, strict=True)
-            ]
-        self.counters.projections += 3 * len(q_from)
-        return np.array(verdicts, bool)
+            size = min(_EDGES, len(q_from) - first)
+            for argument, ends in zip(self._between.arguments, (q_from, q_to), strict=True):
+                argument[:size] = ends[first : first + size]
+            points, violations, ways = (result.reshape(_EDGES, -1)[:size] for result in self._between.evaluate())
+            near = (violations < self.constraint.tolerance**2).tolist()
+            lengths[first : first + size] = ways[:, 0]
+            rows = points.reshape(size, len(_SIXTEENTHS), -1).copy()
+            for row, counted, way in zip(rows, near, ways[:, 0].tolist(), strict=True):
+                verdicts.append(self._looks_free(row, counted, way / 16 <= self._vouched / 2))
+        self.counters.projections += len(_SIXTEENTHS) * len(q_from)
+        return np.array(verdicts, bool), lengths
+
+    def _looks_free(self, points: np.ndarray, counted: list[bool], close: bool) -> bool:
+        """Tell whether an edge's points at _SIXTEENTHS collide; those that did not reach the manifold tell nothing.
+
+        `close` says that the points lie so close that one with half a chord's travel to spare vouches for the next.
+        """
+        free, wide = self.validity.collision_free, self._wide if close else None
+        vouched = [False] * 17  # at sixteenths; the ends vouch for nothing
+        for share, q, counts in zip(_SIXTEENTHS, points, counted, strict=True):
+            if not counts or (share % 2 and (vouched[share - 1] or vouched[share + 1])):
+                continue
+            if wide is not None and share % 2 == 0 and wide.collision_free(q):
+                vouched[share] = True
+            elif not free(q):
+                return False
+        return True
 
     @cached_property
-    def _quarters(self) -> Compiled:
-        """Points on straight lines between rows of two arrays, projected, and their squared violations."""
+    def _between(self) -> Compiled:
+        """Points on straight lines between rows of two arrays, projected, their squared violations, the way through."""
         constraint = self.constraint
         q_from, q_to = ca.SX.sym("q_from", constraint.n), ca.SX.sym("q_to", constraint.n)
-        found = [
-            constraint.projected(q_from + share * (q_to - q_from), self.parameters.newton_steps) for share in _QUARTERS
-        ]
-        points, violations = ca.horzcat(*(q for q, _ in found)), ca.vertcat(*(violation for _, violation in found))
-        single = ca.Function("quarters", [q_from, q_to], [ca.densify(points), ca.densify(violations)])
+        found = {
+            share: constraint.projected(q_from + share / 16 * (q_to - q_from), min(self.parameters.newton_steps, 3))
+            for share in _SIXTEENTHS
+        }
+        stations = [q_from, *(found[share][0] for share in sorted(found)), q_to]
+        way = sum((ca.norm_2(b - a) for a, b in pairwise(stations)), ca.SX(0))
+        points, violations = (ca.vertcat(*(pair[i] for pair in found.values())) for i in (0, 1))
+        single = ca.Function("between", [q_from, q_to], [ca.densify(x) for x in (points, violations, way)])
         return Compiled(single.map(_EDGES))
 
     def refine(self, states: np.ndarray) -> Refined:

@@ -1,8 +1,13 @@
-"""FMT* (Janson et al. 2015) with continued sampling, as compnetx.txt, section VII-A, describes it."""
+"""FMT* (Janson et al. 2015) with continued sampling, as compnetx.txt, section VII-A, describes it.
+
+Edges are put into the tree by `Adherence.screen`; only those of a path that reaches the goal are walked. Where a walk
+fails, its sample is hung onto another neighbour, and without one its branch is taken back and the search goes on.
+"""
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -55,14 +60,14 @@ class FmtStar(Planner):
             status = clock.tick()
             if status is not None:
                 return status, None
-            if wave.front:
-                wave.advance()
-            else:
-                self._sample_again(problem, sampler, wave, clock)
             if wave.state[_GOAL] != _UNVISITED:
                 path = wave.path()
                 if path is not None:
                     return PlanStatus.SOLVED, path
+            elif wave.front:
+                wave.advance()
+            else:
+                self._sample_again(problem, sampler, wave, clock)
 
     def first_batch(self, problem: Problem, sampler: Sampler, clock: Clock) -> np.ndarray:
         """Return start, goal and N_init - 2 free samples, fewer when time runs out (N, n)."""
@@ -139,7 +144,7 @@ class _Wave:
         self.state[-1] = _CLOSED
         self.reach = np.full(self.count + 1, np.inf)  # the cost of open samples
         self.parent = np.full(self.count, -1)
-        self.edges: dict[int, np.ndarray] = {}
+        self.walks: dict[tuple[int, int], np.ndarray] = {}  # states of the edges that were walked and hold
         self.blocked: set[tuple[int, int]] = set()
         self.front: list[tuple[float, int]] = []
         self.cost[_START] = 0.0
@@ -159,7 +164,7 @@ class _Wave:
             rows = np.arange(len(waiting))
             # z has the sample among its neighbours, which does not mean that the sample has z among its own.
             parents = np.where(np.isfinite(costs[rows, best]), self.neighbours[waiting, best], z)
-            joined = [x for _, x in self._connect(zip(parents.tolist(), waiting.tolist(), strict=True))]
+            joined = self._connect(zip(parents.tolist(), waiting.tolist(), strict=True))
         self.state[z], self.reach[z] = _CLOSED, np.inf
         for x in joined:
             self._open(x)
@@ -174,41 +179,53 @@ class _Wave:
         if not len(tree):
             return False
         x = self._append(q, near, distances[near])
-        order = tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")][:_TRIES]
-        for _ in self._connect((y, x) for y in order.tolist()):
-            self._open(x)
-            return True
+        order = tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")]
+        for y in order[:_TRIES].tolist():
+            if self._connect([(y, x)]):
+                self._open(x)
+                return True
         return False
 
     def path(self) -> np.ndarray | None:
-        """Return the path to the goal if the finer walk holds; otherwise take the failing branch back."""
+        """Walk along the tree to the goal; return the path if all of it holds, else mend the tree where it fails."""
         nodes = [_GOAL]
         while nodes[-1] != _START:
             nodes.append(int(self.parent[nodes[-1]]))
         nodes.reverse()
-        owners = [_START] + [i for i in nodes[1:] for _ in range(len(self.edges[i]))]
-        refined = self.space.refine(np.concatenate([self.q[:1], *(self.edges[i] for i in nodes[1:])]))
-        if refined.invalid is None:
-            return refined.states
+        broken, states = self._follow(nodes)
+        if broken is None:
+            return states
         self.space.counters.repairs += 1
-        self._retract(owners[refined.invalid + 1])
+        self.blocked.add((int(self.parent[broken]), broken))
+        if not self._rewire(broken):
+            self._retract(broken)
         return None
 
-    def _connect(self, edges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-        """Walk along edges (parent, sample) one by one and yield those that hold, each as soon as it is in the tree."""
+    def _follow(self, nodes: list[int]) -> tuple[int | None, np.ndarray]:
+        """Walk from node to node; return the first whose edge fails, None when all hold, and the states (T, n)."""
+        for y, x in pairwise(nodes):
+            if (y, x) not in self.walks:
+                walk = self.space.traverse(self.q[y], self.q[x])
+                if not walk.reached:
+                    return x, walk.states
+                self.walks[y, x] = walk.states
+        ways = [self.walks[edge] for edge in pairwise(nodes)]
+        owners = [x for x, way in zip(nodes[1:], ways, strict=True) for _ in way]
+        refined = self.space.refine(np.concatenate([self.q[:1], *ways]))
+        return None if refined.invalid is None else owners[refined.invalid], refined.states
+
+    def _connect(self, edges: Iterable[tuple[int, int]]) -> list[int]:
+        """Put samples into the tree by the edges (parent, sample) that look free; return the samples."""
         asked = [edge for edge in edges if edge not in self.blocked]
         if not asked:
-            return
-        worth = self.space.screen(*self.q[np.array(asked).T])
-        for (y, x), promising in zip(asked, worth.tolist(), strict=True):
-            walk = self.space.traverse(self.q[y], self.q[x]) if promising else None
-            if walk is None or not walk.reached:
-                self.blocked.add((y, x))
-                continue
-            self.parent[x] = y
-            self.edges[x] = walk.states
-            self.cost[x] = self.cost[y] + _way(self.q[y], walk.states)
-            yield y, x
+            return []
+        parents, samples = np.array(asked).T
+        promising, lengths = self.space.screen(self.q[parents], self.q[samples])
+        self.blocked.update(edge for edge, holds in zip(asked, promising.tolist(), strict=True) if not holds)
+        joined = samples[promising]
+        self.parent[joined] = parents[promising]
+        self.cost[joined] = self.cost[parents[promising]] + lengths[promising]
+        return joined.tolist()
 
     def _open(self, x: int) -> None:
         self.state[x], self.reach[x] = _OPEN, self.cost[x]
@@ -252,26 +269,44 @@ class _Wave:
             setattr(self, name, longer)
         self.state[-1] = _CLOSED
 
-    def _retract(self, node: int) -> None:
-        """Block the edge to `node`, make it and all below it unvisited, and reopen what borders on them."""
-        self.blocked.add((int(self.parent[node]), node))
-        below = {node}
-        grown = True
-        while grown:
-            children = {int(i) for i in np.flatnonzero(np.isin(self.parent[: self.count], list(below)))} - below
-            below |= children
-            grown = bool(children)
-        lost = np.array(sorted(below))
+    def _rewire(self, x: int) -> bool:
+        """Hang x, whose edge failed, and all below it onto its next best neighbour, by an edge walked at once."""
+        lost = self._below(x)
+        near = self.neighbours[x]
+        tree = near[(near >= 0) & (self.state[near] != _UNVISITED) & ~np.isin(near, lost)]
+        order = tree[np.argsort(self.cost[tree] + np.linalg.norm(self.q[tree] - self.q[x], axis=1), kind="stable")]
+        asked = [(y, x) for y in order[:_TRIES].tolist() if (y, x) not in self.blocked]
+        if not asked:
+            return False
+        promising, lengths = self.space.screen(*self.q[np.array(asked).T])
+        for (y, _), holds, way in zip(asked, promising.tolist(), lengths.tolist(), strict=True):
+            walk = self.space.traverse(self.q[y], self.q[x]) if holds else None
+            if walk is None or not walk.reached:
+                self.blocked.add((y, x))
+                continue
+            self.walks[y, x] = walk.states
+            self.parent[x] = y
+            self.cost[lost] += self.cost[y] + way - self.cost[x]
+            # Their places in the front stay, by the old cost: they may be expanded a little early.
+            ahead = lost[self.state[lost] == _OPEN]
+            self.reach[ahead] = self.cost[ahead]
+            return True
+        return False
+
+    def _retract(self, x: int) -> None:
+        """Make x and all below it unvisited, and reopen what borders on them."""
+        lost = self._below(x)
         self.state[lost], self.reach[lost] = _UNVISITED, np.inf
         self.cost[lost], self.parent[lost] = np.inf, -1
-        for i in below:
-            self.edges.pop(i, None)
         border = np.unique(self.neighbours[lost])
         for i in border[(border >= 0) & (self.state[border] == _CLOSED)].tolist():
             self._open(i)
 
-
-def _way(q: np.ndarray, states: np.ndarray) -> float:
-    """Return the length of the way from q (n,) through states (T, n)."""
-    steps = np.diff(states, axis=0, prepend=q[None])
-    return float(np.sqrt(np.einsum("ij,ij->i", steps, steps)).sum())
+    def _below(self, x: int) -> np.ndarray:
+        """Return x and all samples whose way to the start passes through it, sorted (m,)."""
+        found = np.array([x])
+        while True:
+            grown = np.union1d(found, np.flatnonzero(np.isin(self.parent[: self.count], found)))
+            if len(grown) == len(found):
+                return found
+            found = grown

@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError
 from pipeline.manifolds import AdherenceParameters, AtlasParameters, ProjectionAdherence, Stop
 from pipeline.robots import Validity
 from tests.manifolds.spaces import CHARTED, MARGIN, METHODS, arm_world, blocks, make, point_world, sphere_space
-from tests.robots.worlds import ball, ball_clearance, chain, on_sphere, sphere
+from tests.robots.worlds import ball, ball_clearance, block, chain, on_sphere, sphere
 
 POLE, EQUATOR = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 
@@ -87,25 +87,30 @@ def test_travel_only_changes_the_price(method):
 
 @pytest.mark.parametrize("count", [1, 8, 50])
 @pytest.mark.parametrize("method", METHODS)
-def test_screen_looks_at_quarters(method, count):
-    """An edge is refused exactly when a quarter point of its straight line, brought onto the sphere, collides."""
+def test_screen_looks_at_sixteenths(method, count):
+    """An edge is refused exactly when a sixteenth point of its straight line, brought onto the sphere, collides."""
     space, obstacles, points = obstructed(5, method)
     ends = np.stack([np.stack(pair) for pair in pairwise(points)][:count])
-    quarters = ends[:, :1] + np.array([0.25, 0.5, 0.75])[:, None] * (ends[:, 1:] - ends[:, :1])
-    quarters /= np.linalg.norm(quarters, axis=2, keepdims=True)
-    clearance = ball_clearance(obstacles, quarters.reshape(-1, 3)).reshape(-1, 3).min(axis=1)
-    verdicts = space.screen(ends[:, 0], ends[:, 1])
-    assert verdicts.shape == (len(ends),)
+    sixteenths = ends[:, :1] + np.arange(1, 16)[:, None] / 16 * (ends[:, 1:] - ends[:, :1])
+    sixteenths /= np.linalg.norm(sixteenths, axis=2, keepdims=True)
+    clearance = ball_clearance(obstacles, sixteenths.reshape(-1, 3)).reshape(-1, 15).min(axis=1)
+    verdicts, lengths = space.screen(ends[:, 0], ends[:, 1])
+    assert verdicts.shape == lengths.shape == (len(ends),)
     decided = np.abs(clearance - MARGIN) > 1e-3  # the tolerance of the projection
     np.testing.assert_array_equal(verdicts[decided], (clearance > MARGIN)[decided])
-    assert count < 50 or 5 < verdicts.sum() < len(ends) - 5
+    assert count < 50 or 3 < verdicts.sum() < len(ends) - 3
+    way = np.linalg.norm(np.diff(np.concatenate([ends[:, :1], sixteenths, ends[:, 1:]], axis=1), axis=1), axis=2)
+    np.testing.assert_allclose(lengths, way.sum(axis=1), atol=16 * 2e-3)
 
 
-def test_screen_lets_pass_what_it_cannot_judge():
+def test_screen_lets_pass_what_it_cannot_judge(monkeypatch):
     """Where the straight line's points reach no manifold nothing is refused: the walk decides."""
-    space = sphere_space("projection", newton_steps=1)
-    q = np.array([[0.0, 0.0, 1.0]])
-    assert space.screen(q, -q).tolist() == [True]
+    middle = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5)])
+    space = sphere_space("projection", [block(middle, (0.3, 0.3, 0.3))])
+    ends = EQUATOR[None], POLE[None]
+    assert space.screen(*ends)[0].tolist() == [False]
+    monkeypatch.setattr(space.constraint, "tolerance", 0.0)
+    assert space.screen(*ends)[0].tolist() == [True]
 
 
 @pytest.mark.parametrize("method", METHODS)
