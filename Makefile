@@ -43,7 +43,7 @@ $(stamp): requirements.lock
 test: venv  ## run the tests
 	@$(bin)/python -m pytest $(PYTEST_ARGS)
 
-bench: venv  ## measure parts, planning against OMPL and scaling, in 10 minutes on 2 idle cores
+bench: venv  ## measure parts, planning against OMPL and scaling, in 16 minutes on 2 idle cores
 	@$(bin)/python stages/bench.py $(BENCH_ARGS)
 
 repro: venv  ## run the pipeline: PROFILE=quick (default), standard, paper

@@ -117,8 +117,8 @@ def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.Data
     summary = verdict.verdict_summary(verdicts)
     met, missed = (int((summary["met"] == answer).sum()) for answer in (verdict.YES, verdict.NO))
     open_ones = len(summary) - met - missed
-    sentence = f"Of {len(summary)} expectations (three per scenario) {met} are met and {missed} are not"
-    sentence += f"; {open_ones} could not be compared." if open_ones else "."
+    sentence = f"Of {len(summary)} expectations (three per scenario), met: {met}; not met: {missed}"
+    sentence += f"; not to be compared: {open_ones}." if open_ones else "."
     return [sentence, summary, escape(verdict.SUMMARY_NOTE)]
 
 

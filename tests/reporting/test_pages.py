@@ -88,9 +88,7 @@ def test_conclusions_follow_the_data(report):
         ]
 
     assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 4
-    sentence = re.search(
-        r"Of 6 expectations .* (\d) are met and (\d) are not", sphere_page(worse, {}, PROVENANCE, worse)
-    )
+    sentence = re.search(r"Of 6 expectations .* met: (\d); not met: (\d)", sphere_page(worse, {}, PROVENANCE, worse))
     assert sentence and int(sentence[1]) + int(sentence[2]) == 6
 
 
