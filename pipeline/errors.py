@@ -1,6 +1,8 @@
 """The error tree. Every message gives the offending value, the bound and the alternatives."""
 
+import difflib
 import math
+from collections.abc import Iterable
 
 
 class PipelineError(Exception):
@@ -25,6 +27,14 @@ class ConstraintError(PipelineError):
 
 class RobotError(PipelineError):
     """A robot, joint, frame or geometry does not exist or does not fit."""
+
+
+def unknown(claim: str, name: str, choices: Iterable[str]) -> str:
+    """Return a message about a name that does not exist: the claim, the name, the closest choice and all choices."""
+    there = list(dict.fromkeys(choices))
+    close = difflib.get_close_matches(name, there, 1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return f"{claim} {name!r}{hint}; there are: {', '.join(there) or 'none'}"
 
 
 def require(

@@ -126,7 +126,7 @@ def test_every_file_is_read_by_a_stage():
     """Every file of a group can be chosen in some stage and makes what it names; so does what the benchmarks read."""
     convert_all("bench", compose("bench"))
     read = {key.partition("@")[0] for stage in STAGES for key in choices_of(stage)}
-    assert read == set(GROUPS)
+    assert read == set(GROUPS) - {"robot"}  # robots are chosen by problem files: tests/robots makes them all
     for group in ("adherence", "environment", "planner", "sampler"):
         for name in files_of(group):
             choice = load(yaml.safe_load((CONF / group / f"{name}.yaml").read_text()), Choice)

@@ -1,7 +1,33 @@
-"""Implicit constraints F(q) = 0."""
+"""Implicit constraints F(q) = 0, each one CasADi expression, and conditions g(q) >= 0."""
 
+from pipeline.constraints.balance import balanced, feet_on_ground
 from pipeline.constraints.base import Constraint, Projection
 from pipeline.constraints.compiled import Compiled, compiled
+from pipeline.constraints.conditions import Condition
+from pipeline.constraints.feasibility import feasible
+from pipeline.constraints.poses import closed_chain, height, intersection, line, plane, pose, position, upright
+from pipeline.constraints.regions import Chain, TaskSpaceRegion, chain
 from pipeline.constraints.sphere import sphere_constraint
 
-__all__ = ["Compiled", "Constraint", "Projection", "compiled", "sphere_constraint"]
+__all__ = [
+    "Chain",
+    "Compiled",
+    "Condition",
+    "Constraint",
+    "Projection",
+    "TaskSpaceRegion",
+    "balanced",
+    "chain",
+    "closed_chain",
+    "compiled",
+    "feasible",
+    "feet_on_ground",
+    "height",
+    "intersection",
+    "line",
+    "plane",
+    "pose",
+    "position",
+    "sphere_constraint",
+    "upright",
+]

@@ -4,6 +4,7 @@ From the one expression come the value, the Jacobian, the Newton step of Algorit
 batch version, the symbolic step inside whole-edge functions, and OMPL's callbacks.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +15,7 @@ from pipeline.constraints.compiled import Compiled, compiled
 from pipeline.errors import ConstraintError
 
 _RANK_TOLERANCE = 1e-8  # a singular value below this share of the largest counts as zero
+_INVOLVED = 0.05  # a row's share in a combination of rows, from which on a message names it
 _BLOCK = 64  # configurations per batch call; larger blocks gain nothing, smaller ones pay the call
 
 
@@ -41,20 +43,31 @@ class Constraint:
         expression: F as an expression of q (k, 1), in metres and radians.
         tolerance: q counts as on the manifold when ||F(q)||_2 is below it (0.001: compnetx.txt, appendix D).
         max_iterations: of Algorithm 1 (50: compnetx.txt, appendix D).
+        labels: what each row says, for messages (k,).
 
     Raises:
         ConstraintError: wrong shapes, free symbols other than q, or no positive tolerance.
     """
 
     def __init__(
-        self, name: str, q: ca.SX, expression: ca.SX, tolerance: float = 1e-3, max_iterations: int = 50
+        self,
+        name: str,
+        q: ca.SX,
+        expression: ca.SX,
+        tolerance: float = 1e-3,
+        max_iterations: int = 50,
+        labels: Sequence[str] = (),
     ) -> None:
         self.name = name
         self.n, self.k = q.numel(), expression.numel()
+        self.labels = tuple(labels) or tuple(f"{name}[{i}]" for i in range(self.k))
         if not 0 < self.k < self.n:
             raise ConstraintError(
-                f"constraint {name!r} has {self.k} rows on {self.n} variables; a manifold needs 0 < rows < variables"
+                f"constraint {name!r} has {self.k} rows on {self.n} variables; a manifold needs 0 < rows < variables: "
+                f"{'; '.join(self.labels)}"
             )
+        if len(self.labels) != self.k:
+            raise ConstraintError(f"constraint {name!r} has {self.k} rows and {len(self.labels)} labels")
         if not 0 < tolerance < np.inf:
             raise ConstraintError(f"constraint {name!r} has tolerance {tolerance}; it must be finite and above 0")
         if max_iterations < 1:
@@ -156,15 +169,14 @@ class Constraint:
         """
         J = self.jacobian(q)
         if not np.isfinite(J).all():
+            raise ConstraintError(f"constraint {self.name!r} has no finite Jacobian at q = {on_one_line(q)}")
+        U, singular, V = np.linalg.svd(J)
+        kept = singular > _RANK_TOLERANCE * max(singular[0], 1.0)
+        if not kept.all():
             raise ConstraintError(
-                f"constraint {self.name!r} has no finite Jacobian at q = {np.array2string(q, precision=4)}"
-            )
-        _, singular, V = np.linalg.svd(J)
-        if not singular[-1] > _RANK_TOLERANCE * max(singular[0], 1.0):
-            rank = int((singular > _RANK_TOLERANCE * max(singular[0], 1.0)).sum())
-            raise ConstraintError(
-                f"constraint {self.name!r} has rank {rank} of {self.k} at q = {np.array2string(q, precision=4)}: "
-                f"singular values {np.array2string(singular, precision=2)}"
+                f"constraint {self.name!r} has rank {int(kept.sum())} of {self.k} at q = "
+                f"{on_one_line(q)}: {_dependent(U[:, ~kept], self.labels)}; singular values "
+                f"{on_one_line(singular)}"
             )
         return np.ascontiguousarray(V[self.k :].T), np.ascontiguousarray(V[: self.k].T)
 
@@ -185,3 +197,16 @@ class Constraint:
         q = ca.SX.sym("q", self.n)
         F, following = self.newton(q)
         return ca.Function("newton", [q], [ca.densify(following), ca.sumsqr(F)])
+
+
+def on_one_line(values: np.ndarray) -> str:
+    """Return numbers (m,) for a message."""
+    return np.array2string(values, precision=4, max_line_width=10**6)
+
+
+def _dependent(combinations: np.ndarray, labels: Sequence[str]) -> str:
+    """Name the rows in combinations (k, m) of rows whose derivatives cancel."""
+    involved = [label for label, weights in zip(labels, combinations, strict=True) if np.abs(weights).max() > _INVOLVED]
+    if len(involved) == 1:
+        return f"row {involved[0]!r} does not change with q there"
+    return f"rows {', '.join(map(repr, involved))} depend on each other there"

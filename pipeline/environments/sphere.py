@@ -170,7 +170,7 @@ class _FreeSpace:
         margin = environment.margin + environment.slack
         self.validity = Validity(environment.robot(), scene.obstacles, margin)
         grid = environment.radius * fibonacci_sphere(environment.grid)
-        free = np.array([self.validity.collision_free(q) for q in grid])
+        free = np.array([self.validity.free(q) for q in grid])
         if not free.any():
             raise ProblemError(f"scene {scene.name!r} has no free space at a margin of {margin} m")
         # Grid points are sqrt(4 pi / N) apart; neighbours in all directions are within 1.8 times that.
@@ -184,7 +184,7 @@ class _FreeSpace:
         along = border[links].all(axis=1)
         middles = grid[links[along]].mean(axis=1)
         sound = np.ones(len(links), bool)
-        sound[along] = [self.validity.collision_free(q) for q in middles]
+        sound[along] = [self.validity.free(q) for q in middles]
         links = links[sound]
         graph = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(len(grid),) * 2)
         _, pieces = connected_components(graph, directed=False)
@@ -195,7 +195,7 @@ class _FreeSpace:
         for _ in range(_MOST_TRIES):
             q = rng.normal(size=3)
             q *= self.environment.radius / np.linalg.norm(q)
-            if self.validity.collision_free(q):
+            if self.validity.free(q):
                 return q
         raise ProblemError(f"no free point on the sphere in {_MOST_TRIES} draws")
 

@@ -200,9 +200,9 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
     robot, constraint = place.environment.robot(), place.environment.constraint()
     checker = place.checker(place.problems["scene"].iloc[0])
     states, _ = constraint.project_batch(rng.uniform(robot.lower, robot.upper, (4 * place.parts.calls, constraint.n)))
-    free = np.array([checker.collision_free(q) for q in states])
+    free = np.array([checker.free(q) for q in states])
     for name, found in (("free", states[free]), ("colliding", states[~free])):
-        yield f"validity, {name}", "check", times_us(checker.collision_free, found[: place.parts.calls])
+        yield f"validity, {name}", "check", times_us(checker.free, found[: place.parts.calls])
     random = rng.uniform(robot.lower, robot.upper, (place.parts.calls, _BATCH, constraint.n))
     yield "projection of a random configuration", "call", times_us(constraint.project, random[:, 0])
     batches = times_us(constraint.project_batch, random) / _BATCH

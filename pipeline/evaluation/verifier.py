@@ -219,7 +219,7 @@ class _Check:
         points[at] = Q  # as they were given, not as projected
         for i, q in zip(segment.tolist(), points, strict=True):
             self.states += 1
-            if not self.validity.collision_free(q):
+            if not self.validity.free(q):
                 return _between(Failure.COLLISION, i, len(pieces), f"there is contact at {np.round(q, 4).tolist()}")
         return None
 

@@ -224,12 +224,12 @@ class Adherence(ABC):
 
         `close` says that the points lie so close that one with half a chord's travel to spare vouches for the next.
         """
-        free, wide = self.validity.collision_free, self._wide if close else None
+        free, wide = self.validity.free, self._wide if close else None
         vouched = [False] * 17  # at sixteenths; the ends vouch for nothing
         for share, q, counts in zip(_SIXTEENTHS, points, counted, strict=True):
             if not counts or (share % 2 and (vouched[share - 1] or vouched[share + 1])):
                 continue
-            if wide is not None and share % 2 == 0 and wide.collision_free(q):
+            if wide is not None and share % 2 == 0 and wide.free(q):
                 vouched[share] = True
             elif not free(q):
                 return False
@@ -273,7 +273,7 @@ class Adherence(ABC):
         sound = converged & (leaps <= parameters.leap * parameters.resolution)
         sound &= ((points >= self.lower) & (points <= self.upper)).all(axis=1)
         for i, good, point in zip(segment.tolist(), sound.tolist(), points, strict=True):
-            if not good or not self.validity.collision_free(point):
+            if not good or not self.validity.free(point):
                 return Refined(states, i)
         return Refined(states, None)
 
@@ -296,8 +296,8 @@ class Adherence(ABC):
         A configuration that keeps half a chord's travel more than the margin vouches for the halves next to it: their
         points need no check. `vouches` says so of the configuration where the chord begins.
         """
-        free, wide = self.validity.collision_free, self._wide
-        vouched = wide is not None and wide.collision_free(chord[0])
+        free, wide = self.validity.free, self._wide
+        vouched = wide is not None and wide.free(chord[0])
         if not vouched and not free(chord[0]):
             return False, False
         short = distance <= self._vouched

@@ -89,7 +89,7 @@ class Problem:
                     f"{name} is off the manifold {space.constraint.name!r}: ||F|| = {distance:.3g}, "
                     f"tolerance {space.constraint.tolerance:.3g}; project it first"
                 )
-            if not space.validity.collision_free(q):
+            if not space.validity.free(q):
                 raise ProblemError(
                     f"{name} is in collision: clearance {space.validity.clearance(q):.4g} m, "
                     f"margin {space.validity.margin:.4g} m"

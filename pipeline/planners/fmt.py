@@ -83,7 +83,7 @@ class FmtStar(Planner):
         barren = 0
         while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
             proposals = sampler.sample(current, goals)
-            free = [space.validity.collision_free(q) for q in proposals]
+            free = [space.validity.free(q) for q in proposals]
             barren = 0 if any(free) else barren + 1
             found += [q for q, is_free in zip(proposals, free, strict=True) if is_free]
             if sampler.informed:
@@ -99,7 +99,7 @@ class FmtStar(Planner):
         found: list[np.ndarray] = []
         barren = 0
         while len(found) < count and barren < _BARREN and not clock.out_of_time():
-            free = [q for q in space.sample(sampler.rng, count - len(found)) if space.validity.collision_free(q)]
+            free = [q for q in space.sample(sampler.rng, count - len(found)) if space.validity.free(q)]
             barren = 0 if free else barren + 1
             found += free
         return np.array(found).reshape(-1, space.dimension)
@@ -112,7 +112,7 @@ class FmtStar(Planner):
             tree = np.flatnonzero(wave.state[: wave.count] == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=K)]]
             for q in sampler.sample(current, goals):
-                if problem.adherence.validity.collision_free(q):
+                if problem.adherence.validity.free(q):
                     wave.join(q)
             if clock.tick() is not None:
                 return

@@ -275,12 +275,12 @@ class _Projecting(_Ordinary):
 def _checker(adherence: Adherence, calls: Callbacks) -> Callable[[Any], bool]:
     """OMPL checks joint limits nowhere on a walk: they are part of validity here."""
     bounds = tuple(zip(range(adherence.dimension), adherence.lower.tolist(), adherence.upper.tolist(), strict=True))
-    collision_free = adherence.validity.collision_free
+    free = adherence.validity.free
 
     def valid(state: Any) -> bool:
         calls.states += 1
         q = [state[i] for i, _, _ in bounds]
-        return all(low <= q[i] <= high for i, low, high in bounds) and collision_free(np.array(q))
+        return all(low <= q[i] <= high for i, low, high in bounds) and free(np.array(q))
 
     return valid
 

@@ -1,7 +1,30 @@
 """Robots: pinocchio models, symbolic kinematics, obstacles and collision checking."""
 
+from pipeline.robots.bodies import Geometry
 from pipeline.robots.collision import Validity
+from pipeline.robots.description import Movable
+from pipeline.robots.grasp import attach
 from pipeline.robots.model import Robot, point_robot
-from pipeline.robots.obstacles import Obstacle, Shape, obstacles_from_frame, obstacles_to_frame
+from pipeline.robots.obstacles import PRIMITIVES, Obstacle, Shape, obstacles_from_frame, obstacles_to_frame
+from pipeline.robots.placement import IDENTITY, Placement
+from pipeline.robots.urdf import UrdfRobot
 
-__all__ = ["Obstacle", "Robot", "Shape", "Validity", "obstacles_from_frame", "obstacles_to_frame", "point_robot"]
+ROBOTS = {"urdf": UrdfRobot}
+
+__all__ = [
+    "IDENTITY",
+    "PRIMITIVES",
+    "ROBOTS",
+    "Geometry",
+    "Movable",
+    "Obstacle",
+    "Placement",
+    "Robot",
+    "Shape",
+    "UrdfRobot",
+    "Validity",
+    "attach",
+    "obstacles_from_frame",
+    "obstacles_to_frame",
+    "point_robot",
+]

@@ -1,99 +1,190 @@
-"""Validity of a configuration: joint limits, self-collision and collision with the obstacles of a scene.
+"""Validity of a configuration: joint limits, conditions, self-collision and collision with the obstacles of a scene.
 
-The robot's geometry sits in pinocchio's broad-phase manager, which runs the kinematics and moves the bounding boxes;
-the obstacles sit in a coal tree that is built once. One query of tree against tree costs a logarithm of the number of
-obstacles (1.6 us from Python against 500 blocks), where a manager over all pairs costs a multiple of it.
+Up to a few dozen obstacles stand beside the robot in pinocchio's broad-phase manager: one call from Python runs the
+kinematics, moves the bounding boxes and tries the pairs whose boxes overlap. Its plain list of objects is faster than
+its tree for robots of a few dozen bodies (9 against 22 us for Baxter among 15 boxes), and verdicts are the same.
+
+A crowd of obstacles sits in a coal tree of its own, which is built once. One query of tree against tree costs a
+logarithm of their number (1.6 us from Python against 500 blocks), where a list costs a multiple of it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from typing import Protocol
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from pipeline.errors import ProblemError
+from pipeline.errors import ProblemError, unknown
 from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
+
+_CROWD = 64  # obstacles, from which on they get a tree
+
+
+class Condition(Protocol):
+    """What else a configuration must meet, for example balance."""
+
+    def holds(self, q: np.ndarray) -> bool:
+        """True when q (n,) meets it."""
+        ...
 
 
 class Validity:
     """Tells whether configurations of a robot are valid among obstacles. Not shareable between processes.
 
+    Bodies that no joint moves are not held against obstacles: a robot stands on its floor.
+
     Args:
         robot: the robot.
         obstacles: of the scene; may be empty.
-        margin: least distance to obstacles and, for self-collision pairs, between bodies [m].
+        margin: least distance to obstacles [m].
+        self_margin: least distance between bodies of a self-collision pair [m]; None for the same as `margin`.
+        touching: pairs (body, obstacle) by name that may touch: a cup and the table it stands on.
+        conditions: what else configurations must meet.
+
+    Raises:
+        ProblemError: a margin that is not finite or negative, or a body or obstacle that does not exist.
     """
 
-    def __init__(self, robot: Robot, obstacles: Sequence[Obstacle], margin: float = 0.0) -> None:
-        if not 0 <= margin < np.inf:
-            raise ProblemError(f"margin is {margin} m; it must be finite and at least 0 m")
+    def __init__(
+        self,
+        robot: Robot,
+        obstacles: Sequence[Obstacle],
+        margin: float = 0.0,
+        self_margin: float | None = None,
+        touching: Collection[tuple[str, str]] = (),
+        conditions: Sequence[Condition] = (),
+    ) -> None:
+        for name, value in (("margin", margin), ("self_margin", margin if self_margin is None else self_margin)):
+            if not 0 <= value < np.inf:
+                raise ProblemError(f"{name} is {value} m; it must be finite and at least 0 m")
+        named = {obstacle.name for obstacle in obstacles}
+        for body, obstacle in touching:
+            if body not in robot.body_names:
+                raise ProblemError(unknown(f"touching names a body that {robot.name!r} lacks:", body, robot.body_names))
+            if obstacle not in named or not obstacle:
+                raise ProblemError(unknown("touching names an obstacle that is not there:", obstacle, sorted(named)))
         self.robot = robot
         self.obstacles = tuple(obstacles)
-        self.margin = margin
+        self.margin, self.self_margin = margin, self_margin
+        self.touching, self.conditions = frozenset(touching), tuple(conditions)
         self._wider: dict[float, Validity] = {}
         self.checks = 0  # collision queries so far
-        self._model, self._geometry = robot.model, robot.geometry
-        self._data = self._model.createData()
-        self._geometry_data = self._geometry.createData()
-        for request in self._geometry_data.collisionRequests:
-            request.security_margin = margin
-        # Tree against tree: coal cannot query its naive manager against a tree (it crashes).
-        self._robot_manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self._model, self._geometry, self._geometry_data
-        )
-        self._robot_tree = self._robot_manager.getManager()
-        self._objects = [obstacle.collision_object() for obstacle in obstacles]
-        self._tree = coal.DynamicAABBTreeCollisionManager()
-        for placed in self._objects:
-            placed.getAABB().expand(margin)  # coal applies a margin to shapes only, not to the boxes of its trees
-            self._tree.registerObject(placed)
-        self._tree.setup()
-        self._callback = coal.CollisionCallBackDefault()
-        self._callback.data.request.security_margin = margin
-        self._result = self._callback.data.result  # of the last query; reaching it through the callback costs 0.35 us
-        self._struck = False  # whether that query met an obstacle, so that the callback must forget it first
-        self._bodies = [coal.CollisionObject(shape.geometry) for shape in self._geometry.geometryObjects]
-        self._request = coal.DistanceRequest()
-        self._self_pairs = len(self._geometry.collisionPairs) > 0
+        self._model, self._data = robot.model, robot.model.createData()
+        apart = {obstacle for _, obstacle in touching}
+        crowd = [o for o in obstacles if o.name not in apart or not o.name] if len(obstacles) > _CROWD else []
+        crowded = set(map(id, crowd))
+        self._pairs = self._list([o for o in obstacles if id(o) not in crowded])
+        self._crowd = self._tree(crowd) if crowd else None
+        self._struck = False  # whether the last query met the crowd, so that the callback must forget it first
+        self._distances: list[tuple[int, coal.CollisionObject, coal.CollisionObject]] | None = None
 
     def widened(self, reserve: float) -> "Validity":
         """Return the checker of the same robot and obstacles with `reserve` [m] more margin; made once and kept."""
         if reserve not in self._wider:
-            self._wider[reserve] = Validity(self.robot, self.obstacles, self.margin + reserve)
+            own = self.margin if self.self_margin is None else self.self_margin
+            self._wider[reserve] = Validity(
+                self.robot, self.obstacles, self.margin + reserve, own + reserve, self.touching, self.conditions
+            )
         return self._wider[reserve]
 
     def in_bounds(self, q: np.ndarray) -> bool:
         """True when every joint of q (n,) is finite and within its limits."""
         return bool(np.all((q >= self.robot.lower) & (q <= self.robot.upper)))
 
-    def collision_free(self, q: np.ndarray) -> bool:
-        """True when q (n,) keeps the margin to all obstacles and collides with no body of its own."""
+    def free(self, q: np.ndarray) -> bool:
+        """True when q (n,) meets the conditions, keeps the margin to all obstacles and does not collide with itself."""
         self.checks += 1
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
-        self._robot_manager.update(False)
-        if self._struck:
-            self._callback.init()
-        self._robot_tree.collide(self._tree, self._callback)
-        self._struck = self._result.isCollision()
-        if self._struck:
+        for condition in self.conditions:
+            if not condition.holds(q):
+                return False
+        if self._crowd is not None and self._strikes(q):
             return False
-        return not (self._self_pairs and pin.computeCollisions(self._robot_manager, True))
+        return not (self._pairs is not None and pin.computeCollisions(self._model, self._data, self._pairs, q, True))
 
     def valid(self, q: np.ndarray) -> bool:
-        """True when q (n,) is within the limits and collision free."""
-        return self.in_bounds(q) and self.collision_free(q)
+        """True when q (n,) is within the limits and free."""
+        return self.in_bounds(q) and self.free(q)
 
     def clearance(self, q: np.ndarray) -> float:
         """Return the distance from the robot at q (n,) to the nearest obstacle [m]; negative inside, inf without any.
 
-        Self-collision is not part of it. Every body is held against every obstacle, because distances from coal's tree
-        are wrong (3.0.3: off by decimetres against a closed form); a hundred times the price of a verdict.
+        Self-collision and pairs that may touch are not part of it. Every body is held against every obstacle, because
+        distances from coal's tree are wrong (3.0.3: off by decimetres against a closed form); a hundred times the
+        price of a verdict.
         """
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
-        nearest = np.inf
-        for body, placement in zip(self._bodies, self._geometry_data.oMg, strict=True):
+        if self._distances is None:
+            self._distances = self._all_pairs()
+        pin.updateGeometryPlacements(self._model, self._data, self._bodies, self._bodies_data, q)
+        nearest, request = np.inf, coal.DistanceRequest()
+        for i, body, placed in self._distances:
+            placement = self._bodies_data.oMg[i]
             body.setTransform(coal.Transform3s(placement.rotation, placement.translation))
-            for placed in self._objects:
-                nearest = min(nearest, coal.distance(body, placed, self._request, coal.DistanceResult()))
+            nearest = min(nearest, coal.distance(body, placed, request, coal.DistanceResult()))
         return float(nearest)
+
+    def _list(self, obstacles: Sequence[Obstacle]) -> pin.BroadPhaseManager_NaiveCollisionManager | None:
+        """Return the manager of self-collision pairs and of these obstacles; None when there is no pair."""
+        geometry = self.robot.geometry.copy()
+        own = len(geometry.collisionPairs)
+        moving = [i for i, body in enumerate(geometry.geometryObjects) if body.parentJoint]
+        for number, obstacle in enumerate(obstacles):
+            placement = pin.SE3(obstacle.rotation, np.array(obstacle.position))
+            name = f"obstacle {number} {obstacle.name}"
+            added = geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, obstacle.geometry()))
+            for i in moving:
+                if (geometry.geometryObjects[i].name, obstacle.name) not in self.touching:
+                    geometry.addCollisionPair(pin.CollisionPair(i, added))
+        if not len(geometry.collisionPairs):
+            return None
+        data = geometry.createData()
+        for number, request in enumerate(data.collisionRequests):
+            within = number < own and self.self_margin is not None
+            request.security_margin = self.self_margin if within else self.margin
+        self._kept = geometry, data  # the manager refers to them
+        return pin.BroadPhaseManager_NaiveCollisionManager(self._model, geometry, data)
+
+    def _tree(self, obstacles: Sequence[Obstacle]) -> coal.DynamicAABBTreeCollisionManager:
+        """Return the tree of these obstacles, and prepare that of the bodies that move."""
+        self._moving = pin.GeometryModel()
+        for body in self.robot.geometry.geometryObjects:
+            if body.parentJoint:
+                self._moving.addGeometryObject(body)
+        self._moving_data = self._moving.createData()
+        # Tree against tree: coal cannot query its naive manager against a tree (it crashes).
+        self._moving_manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+            self._model, self._moving, self._moving_data
+        )
+        self._moving_tree = self._moving_manager.getManager()
+        self._objects = [obstacle.collision_object() for obstacle in obstacles]
+        tree = coal.DynamicAABBTreeCollisionManager()
+        for placed in self._objects:
+            placed.getAABB().expand(self.margin)  # coal applies a margin to shapes only, not to the boxes of its trees
+            tree.registerObject(placed)
+        tree.setup()
+        self._callback = coal.CollisionCallBackDefault()
+        self._callback.data.request.security_margin = self.margin
+        self._result = self._callback.data.result  # of the last query; reaching it through the callback costs 0.35 us
+        return tree
+
+    def _strikes(self, q: np.ndarray) -> bool:
+        pin.updateGeometryPlacements(self._model, self._data, self._moving, self._moving_data, q)
+        self._moving_manager.update(False)
+        if self._struck:
+            self._callback.init()
+        self._moving_tree.collide(self._crowd, self._callback)
+        self._struck = self._result.isCollision()
+        return self._struck
+
+    def _all_pairs(self) -> list[tuple[int, coal.CollisionObject, coal.CollisionObject]]:
+        self._bodies = self.robot.geometry
+        self._bodies_data = self._bodies.createData()
+        placed = [(obstacle.name, obstacle.collision_object()) for obstacle in self.obstacles]
+        return [
+            (i, coal.CollisionObject(body.geometry), there)
+            for i, body in enumerate(self._bodies.geometryObjects)
+            if body.parentJoint
+            for name, there in placed
+            if (body.name, name) not in self.touching
+        ]

@@ -7,9 +7,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from pipeline.errors import RobotError
-
-_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+from pipeline.errors import RobotError, unknown
+from pipeline.robots.symbolic import Pose, constant, joint_pose
 
 
 @dataclass(frozen=True)
@@ -23,6 +22,9 @@ class Robot:
         lower, upper: joint limits (n,) [rad or m].
         travel: no point of a body moves farther than this times the joint distance [m per rad or m]; None where no
             such bound is known. With it, one collision check with more margin stands for several between states.
+        velocity: joint velocity limits (n,) [rad/s or m/s]; None where they are not known.
+        rest: a configuration to begin with and to draw (n,); None where there is none.
+        tool: the frame that constraints and goals speak of unless they name another; empty without one.
     """
 
     name: str
@@ -31,6 +33,9 @@ class Robot:
     lower: np.ndarray
     upper: np.ndarray
     travel: float | None = None
+    velocity: np.ndarray | None = None
+    rest: np.ndarray | None = None
+    tool: str = ""
 
     @property
     def dimension(self) -> int:
@@ -42,42 +47,69 @@ class Robot:
         """Names of the joints in configuration order."""
         return tuple(self.model.names)[1:]
 
-    def symbolic_pose(self, q: ca.SX, frame: str) -> tuple[ca.SX, ca.SX]:
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the collision bodies."""
+        return tuple(body.name for body in self.geometry.geometryObjects)
+
+    def frame_id(self, frame: str) -> int:
+        """Return pinocchio's number of a frame.
+
+        Raises:
+            RobotError: no such frame; names those there are.
+        """
+        if not self.model.existFrame(frame):
+            raise RobotError(unknown(f"robot {self.name!r} has no frame", frame, [f.name for f in self.model.frames]))
+        return int(self.model.getFrameId(frame))
+
+    def pose(self, q: np.ndarray, frame: str) -> pin.SE3:
+        """Return the pose of `frame` in the world at q (n,). Makes its own data: for use outside of planning.
+
+        Raises:
+            RobotError: no such frame.
+        """
+        number, data = self.frame_id(frame), self.model.createData()
+        pin.forwardKinematics(self.model, data, np.asarray(q, float))
+        return pin.SE3(pin.updateFramePlacement(self.model, data, number))
+
+    def symbolic_pose(self, q: ca.SX, frame: str) -> Pose:
         """Return rotation (3, 3) and position (3,) [m] of `frame` in the world as expressions of q (n,).
 
         Raises:
             RobotError: no such frame, or a joint that is neither revolute nor prismatic.
         """
-        if not self.model.existFrame(frame):
-            names = ", ".join(f.name for f in self.model.frames)
-            raise RobotError(f"robot {self.name!r} has no frame {frame!r}; it has: {names}")
-        target = self.model.frames[self.model.getFrameId(frame)]
-        chain: list[int] = []
-        joint = target.parentJoint
-        while joint:
-            chain.append(joint)
-            joint = self.model.parents[joint]
-        R, p = ca.SX.eye(3), ca.SX.zeros(3)
-        for joint in reversed(chain):
-            R, p = _compose(R, p, self.model.jointPlacements[joint])
-            R_joint, p_joint = self._symbolic_joint(joint, q[self.model.idx_qs[joint]])
-            R, p = R @ R_joint, p + R @ p_joint
-        return _compose(R, p, target.placement)
+        target = self.model.frames[self.frame_id(frame)]
+        return self._joint(q, target.parentJoint, {}) @ constant(target.placement)
 
-    def _symbolic_joint(self, joint: int, angle: ca.SX) -> tuple[ca.SX, ca.SX]:
-        kind = self.model.joints[joint].shortname().removeprefix("JointModel")
-        if kind in ("RX", "RY", "RZ"):
-            return _rotation(np.array(_AXES[kind[1]]), angle), ca.SX.zeros(3)
-        if kind in ("PX", "PY", "PZ"):
-            return ca.SX.eye(3), ca.SX(np.array(_AXES[kind[1]])) * angle
-        if kind == "RevoluteUnaligned":
-            return _rotation(_axis(self.model, joint, slice(3, 6)), angle), ca.SX.zeros(3)
-        if kind == "PrismaticUnaligned":
-            return ca.SX.eye(3), ca.SX(_axis(self.model, joint, slice(0, 3))) * angle
-        raise RobotError(
-            f"joint {self.model.names[joint]!r} of {self.name!r} is a {kind}; only revolute and prismatic joints "
-            "with limits are planned for (a continuous joint needs finite limits in the URDF)"
-        )
+    def symbolic_centre_of_mass(self, q: ca.SX) -> ca.SX:
+        """Return the centre of mass in the world (3,) [m] as an expression of q (n,).
+
+        Of the bodies that move: what stands on the ground by itself needs no balance, and pinocchio leaves it out too.
+
+        Raises:
+            RobotError: the model has no mass.
+        """
+        inertias = {joint: inertia for joint, inertia in enumerate(self.model.inertias) if joint}
+        total = sum(inertia.mass for inertia in inertias.values())
+        if not total > 0:
+            raise RobotError(f"robot {self.name!r} has no mass; its description needs <inertial> elements")
+        known: dict[int, Pose] = {}
+        moments = ca.SX.zeros(3)
+        for joint, inertia in inertias.items():
+            if inertia.mass > 0:
+                moments += inertia.mass * self._joint(q, joint, known).apply(ca.DM(inertia.lever))
+        return moments / total
+
+    def _joint(self, q: ca.SX, joint: int, known: dict[int, Pose]) -> Pose:
+        """Return the pose of a joint's frame in the world; `known` keeps those of the joints before it."""
+        if joint not in known:
+            if joint == 0:
+                known[joint] = constant(pin.SE3.Identity())
+            else:
+                parent = self._joint(q, self.model.parents[joint], known)
+                moved = joint_pose(self.name, self.model, joint, q[self.model.idx_qs[joint]])
+                known[joint] = parent @ constant(self.model.jointPlacements[joint]) @ moved
+        return known[joint]
 
 
 def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -> Robot:
@@ -99,22 +131,4 @@ def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -
     geometry = pin.GeometryModel()
     ball = pin.GeometryObject("point", joint, pin.SE3.Identity(), pin.hppfcl.Sphere(radius))
     geometry.addGeometryObject(ball)
-    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float), travel=1.0)
-
-
-def _compose(R: ca.SX, p: ca.SX, placement: pin.SE3) -> tuple[ca.SX, ca.SX]:
-    return R @ ca.SX(ca.DM(placement.rotation)), p + R @ ca.SX(ca.DM(placement.translation))
-
-
-def _rotation(axis: np.ndarray, angle: ca.SX) -> ca.SX:
-    """Rodrigues' formula for a unit axis (3,)."""
-    K = ca.SX(ca.skew(ca.DM(axis)))
-    return ca.SX.eye(3) + ca.sin(angle) * K + (1 - ca.cos(angle)) * (K @ K)
-
-
-def _axis(model: pin.Model, joint: int, rows: slice) -> np.ndarray:
-    """The motion subspace of a one-DOF joint holds its axis in the rows of its kind (linear first)."""
-    single = model.joints[joint]
-    data = single.createData()
-    single.calc(data, np.zeros(model.nq), np.zeros(model.nv))
-    return np.asarray(data.S).reshape(6)[rows]
+    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float), travel=1.0, tool="point")

@@ -146,7 +146,7 @@ def pretended(monkeypatch) -> pd.DataFrame:
     methods = {t: Method(t, Choice("pretender", {"trick": t}), UNIFORM) for t in (*TRICKS, "none")}
     ends = on_sphere(np.random.default_rng(0), 500)
     checker = validity(ENVIRONMENT, BLOCK_SCENE, ENVIRONMENT.robot())
-    free = [q for q in ends if checker.collision_free(q)]
+    free = [q for q in ends if checker.free(q)]
     pair = next((p, q) for p in free for q in free if blocked(p, q))
     problem = PROBLEMS.iloc[:1].assign(start=[pair[0]], goal=[pair[1]])
     return run_trials(experiment(methods=methods), ENVIRONMENT, SCENES, None, problem)
@@ -241,7 +241,7 @@ def test_clouds_are_the_samples_fmt_asks_for(learned):
             cloud = clouds[f"{scenario}/{method}"]
             assert cloud.shape == (50, 3) and len(np.unique(cloud, axis=0)) == 50
             assert np.abs(np.linalg.norm(cloud, axis=1) - 1).max() < 1e-3
-            assert all(checker.collision_free(q) for q in cloud)
+            assert all(checker.free(q) for q in cloud)
     again = sample_clouds(experiment(), ENVIRONMENT, SCENES, learned, problems, 50)
     assert all(np.array_equal(clouds[name], again[name]) for name in names)
 

@@ -60,7 +60,7 @@ def test_great_circle_passes_with_its_length():
 def test_checked_states_are_dense_and_on_the_sphere(monkeypatch):
     """States asked for collisions are at most two steps apart, on the sphere by its closed form, ends included."""
     seen = []
-    monkeypatch.setattr(Validity, "collision_free", lambda self, q: seen.append(q.copy()) or True)
+    monkeypatch.setattr(Validity, "free", lambda self, q: seen.append(q.copy()) or True)
     verdict = check(arc(np.pi / 2 / 17))
     states = np.array(seen)
     assert verdict.states_checked == len(states) > np.pi / 2 / 0.002
@@ -99,7 +99,7 @@ def test_thin_obstacle_between_two_waypoints():
     angle = 0.05 * 10.5
     wall = box((np.cos(angle), np.sin(angle), 0), (0.1, 0.001, 0.1), (0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)))
     free = Validity(robot(), [wall])
-    assert all(free.collision_free(q) for q in path)
+    assert all(free.free(q) for q in path)
     assert_rejected(check(path, [wall], goal=path[-1]), Failure.COLLISION, 10)
 
 

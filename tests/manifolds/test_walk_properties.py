@@ -59,7 +59,7 @@ def test_collisions_are_checked_at_the_resolution(method, resolution, pieces, mo
     """
     robot = replace(ball(), travel=None)
     space, checked = make(method, sphere(), Validity(robot, [], MARGIN), resolution=resolution), []
-    monkeypatch.setattr(space.validity, "collision_free", lambda q: checked.append(q.copy()) or True)
+    monkeypatch.setattr(space.validity, "free", lambda q: checked.append(q.copy()) or True)
     target = np.array([0.0, 0.6, 0.8])
     states = np.vstack([EQUATOR, space.traverse(EQUATOR, target).states])
     wanted = [p + i / pieces * (q - p) for p, q in pairwise(states) for i in range(1, pieces + 1)]
@@ -236,11 +236,11 @@ def test_walks_count_their_work(method, monkeypatch):
     checks = []
     for checker in {space.validity, space.validity.widened(1.1 * 0.05 / 2)}:
 
-        def counting(q, ask=checker.collision_free):
+        def counting(q, ask=checker.free):
             checks.append(q)
             return ask(q)
 
-        monkeypatch.setattr(checker, "collision_free", counting)
+        monkeypatch.setattr(checker, "free", counting)
     for a, b in pairs_of(points, 5):
         space.traverse(a, b)
     counted = space.counted()

@@ -184,7 +184,7 @@ def test_informed_samplers_are_asked_from_the_tree(planner):
     for current, target in sampler.asked:
         assert current.shape == target.shape == (K, 3)
         assert np.abs(np.linalg.norm(current, axis=1) - 1).max() < 1e-3
-        assert all(space.validity.collision_free(q) for q in current)
+        assert all(space.validity.free(q) for q in current)
         if not isinstance(planner, RrtConnect):
             np.testing.assert_array_equal(target, np.repeat(s.goal[None], K, axis=0))
     first = sampler.asked[0][0]

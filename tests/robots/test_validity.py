@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pipeline.errors import ProblemError
-from pipeline.robots import Obstacle, Robot, Shape, Validity, point_robot
+from pipeline.robots import PRIMITIVES, Obstacle, Robot, Shape, Validity, point_robot
 from tests.robots.worlds import RADIUS, ball, ball_clearance, chain, on_sphere, random_obstacles
 
 SOLVER = 1e-6  # coal's iterative distances stop within this of the exact one [m]
@@ -38,14 +38,14 @@ def test_verdict_is_the_closed_form(margin):
         clearance = ball_clearance(obstacles, points)
         decided = np.abs(clearance - margin) > SOLVER
         assert decided.mean() > 0.99
-        verdicts = np.array([validity.collision_free(q) for q in points])
+        verdicts = np.array([validity.free(q) for q in points])
         np.testing.assert_array_equal(verdicts[decided], clearance[decided] > margin)
         assert validity.checks == len(points)
         seen += verdicts[decided].tolist()
     assert 0.1 < np.mean(seen) < 0.9
 
 
-@pytest.mark.parametrize("shape", Shape)
+@pytest.mark.parametrize("shape", PRIMITIVES)
 def test_clearance_is_the_closed_form(shape):
     """The clearance of a ball to an obstacle is the closed form; inside, negative, by the depth where coal knows it.
 
@@ -78,7 +78,7 @@ def test_clearance_of_a_scene_is_the_nearest_one():
         found = np.array([validity.clearance(q) for q in points])
         np.testing.assert_allclose(found, ball_clearance(obstacles, points), atol=1e-5)
     assert Validity(robot, []).clearance(points[0]) == np.inf
-    assert Validity(robot, [], 0.1).collision_free(points[0])
+    assert Validity(robot, [], 0.1).free(points[0])
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.02])
@@ -93,7 +93,7 @@ def test_every_body_of_a_chain_counts(margin):
         pin.forwardKinematics(robot.model, data, q)
         clearances = ball_clearance(obstacles, np.array([data.oMi[i].translation for i in range(1, 6)]), 0.03)
         if abs(clearances.min() - margin) > SOLVER:
-            assert validity.collision_free(q) == (clearances.min() > margin)
+            assert validity.free(q) == (clearances.min() > margin)
             assert validity.clearance(q) == pytest.approx(clearances.min(), abs=1e-5)
         if (clearances < margin).sum() == 1:
             culprits.add(int(clearances.argmin()))
@@ -112,10 +112,10 @@ def test_self_collision_pairs(margin):
     points = np.concatenate([rng.uniform(-0.4, 0.4, (100, 2)), [[0.2 + margin + 1e-5, 0], [0, 0.2 + margin - 1e-5]]])
     far = [Obstacle(Shape.SPHERE, (0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.0), (0.1, 0.1, 0.1))]
     unpaired = Validity(Robot("pair", model, geometry, -np.ones(2), np.ones(2)), far, margin)
-    assert all(unpaired.collision_free(q) for q in points)
+    assert all(unpaired.free(q) for q in points)
     geometry.addCollisionPair(pin.CollisionPair(0, 1))
     paired = Validity(Robot("pair", model, geometry, -np.ones(2), np.ones(2)), far, margin)
-    verdicts = np.array([paired.collision_free(q) for q in points])
+    verdicts = np.array([paired.free(q) for q in points])
     np.testing.assert_array_equal(verdicts, np.linalg.norm(points, axis=1) - 0.2 > margin)
     assert 0.1 < verdicts.mean() < 0.9
 

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.constraints import Constraint, sphere_constraint
-from pipeline.robots import Obstacle, Robot, Shape, point_robot
+from pipeline.robots import PRIMITIVES, Obstacle, Robot, Shape, point_robot
 
 RADIUS = 0.002  # of the point robot [m]
 
@@ -48,7 +48,7 @@ def random_obstacles(rng: np.random.Generator, count: int, size: tuple[float, fl
     """Obstacles of all shapes, anywhere in a cube of side 2, turned anyhow."""
     found = []
     for i in range(count):
-        shape = list(Shape)[i % len(Shape)]
+        shape = PRIMITIVES[i % len(PRIMITIVES)]
         a, b, c = rng.uniform(*size, 3)
         extent = {Shape.BOX: (a, b, c), Shape.SPHERE: (a, a, a), Shape.CYLINDER: (a, a, c)}[shape]
         found.append(Obstacle(shape, tuple(rng.uniform(-1, 1, 3)), tuple(rng.normal(size=4)), extent))

@@ -1,0 +1,231 @@
+"""Task space regions and chains of them (Berenson et al. 2011; compnetx.txt, section III)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import least_squares
+
+from pipeline.constraints.base import Constraint
+from pipeline.constraints.poses import closed_chain
+from pipeline.errors import ConstraintError
+from pipeline.robots import IDENTITY, Placement, Robot
+from pipeline.robots.symbolic import Pose, constant, roll_pitch_yaw
+from pipeline.robots.virtual import DIRECTIONS, VirtualFrame, VirtualJoint, with_virtual_chain
+
+AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+_UNITS = ("m", "m", "m", "rad", "rad", "rad")
+_OF_AXES = tuple(AXES.index(direction) for direction in DIRECTIONS)
+
+
+@dataclass(frozen=True)
+class TaskSpaceRegion:
+    """Poses of a frame e within bounds, seen from a frame w (Berenson et al. 2011, section 4).
+
+    A dimension with equal bounds is fixed, one without finite bounds is free, any other is an interval.
+
+    Attributes:
+        lower, upper: bounds B_w of x, y, z [m], roll, pitch, yaw [rad] of e, less its offset, in w (6,).
+        origin: T_0_w, where w is in the world (or, in a chain, in the end of the region before).
+        offset: T_w_e, where e is in w when all displacements are 0.
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    origin: Placement = IDENTITY
+    offset: Placement = IDENTITY
+
+    def __post_init__(self) -> None:
+        for name, bounds in (("lower", self.lower), ("upper", self.upper)):
+            if len(bounds) != 6 or np.isnan(bounds).any():
+                raise ConstraintError(f"{name} bounds of a region are {list(bounds)}; they must be six numbers")
+        for axis, low, high in zip(AXES, self.lower, self.upper, strict=True):
+            if low > high or low == np.inf or high == -np.inf:
+                raise ConstraintError(f"{axis} of a region has bounds {low} and {high}; they must not cross")
+
+    @property
+    def fixed(self) -> tuple[bool, ...]:
+        """Which dimensions have equal bounds (6,)."""
+        return tuple(low == high for low, high in zip(self.lower, self.upper, strict=True))
+
+    @property
+    def free(self) -> tuple[bool, ...]:
+        """Which dimensions have no bound; for an angle also bounds a full turn apart (6,)."""
+        turn = 2 * np.pi
+        return tuple(
+            high - low >= (turn if i >= 3 else np.inf)
+            for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True))
+        )
+
+    def displacement(self, T: pin.SE3) -> np.ndarray:
+        """Return how far a pose is outside of the bounds, per dimension (6,) [m, rad]; 0 within.
+
+        An angle counts from the nearer bound, whole turns aside.
+        """
+        d = self.coordinates(T)
+        low, high = np.array(self.lower), np.array(self.upper)
+        outside = np.where(d < low, d - low, np.where(d > high, d - high, 0.0))
+        for i in range(3, 6):
+            if self.free[i]:
+                outside[i] = 0.0
+            elif outside[i]:
+                below, above = _wrapped(d[i] - low[i]), _wrapped(d[i] - high[i])
+                inside = low[i] <= d[i] + 2 * np.pi <= high[i] or low[i] <= d[i] - 2 * np.pi <= high[i]
+                outside[i] = 0.0 if inside else min(below, above, key=abs)
+        return outside
+
+    def distance(self, T: pin.SE3) -> float:
+        """Return ||displacement|| of a pose of e in the world (Berenson et al. 2011, eq. 6)."""
+        return float(np.linalg.norm(self.displacement(T)))
+
+    def coordinates(self, T: pin.SE3) -> np.ndarray:
+        """Return x, y, z, roll, pitch, yaw (6,) of a pose of e in the world, less its offset, in w."""
+        T_w = self.origin.se3().actInv(T) * self.offset.se3().inverse()
+        return np.concatenate([T_w.translation, pin.rpy.matrixToRpy(T_w.rotation)])
+
+    def pose(self, coordinates: np.ndarray) -> pin.SE3:
+        """Return the pose of e in the world at coordinates (6,) [m, rad]."""
+        moved = pin.SE3(pin.rpy.rpyToMatrix(*coordinates[3:]), np.asarray(coordinates[:3], float))
+        return self.origin.se3() * moved * self.offset.se3()
+
+    def sample(self, rng: np.random.Generator) -> pin.SE3:
+        """Return a random pose of e within the bounds; free angles are drawn from a whole turn.
+
+        Raises:
+            ConstraintError: a position without finite bounds.
+        """
+        low, high = np.array(self.lower), np.array(self.upper)
+        for i in range(3, 6):
+            if self.free[i]:
+                low[i], high[i] = -np.pi, np.pi
+        if not np.isfinite([low, high]).all():
+            raise ConstraintError("poses can only be drawn from a region whose positions have finite bounds")
+        return self.pose(rng.uniform(low, high))
+
+    def constraint(self, robot: Robot, frame: str = "", **settings: Any) -> Constraint:
+        """Return the constraint that keeps a frame (the tool by default) in the region's fixed dimensions.
+
+        Raises:
+            ConstraintError: a dimension with an interval (it needs a chain, whose variables have limits), nothing
+                fixed, or a pitch fixed a quarter turn away, where roll and yaw are one.
+        """
+        frame = frame or robot.tool
+        intervals = [a for a, f, free in zip(AXES, self.fixed, self.free, strict=True) if not f and not free]
+        if intervals:
+            raise ConstraintError(
+                f"the region of {frame!r} bounds {', '.join(intervals)} by intervals, which are no equations: use a "
+                "chain, whose variables have them as joint limits"
+            )
+        rows = [i for i, fixed in enumerate(self.fixed) if fixed]
+        if not rows:
+            raise ConstraintError(f"the region of {frame!r} fixes no dimension: there is no constraint")
+        if self.fixed[4] and abs(np.cos(self.lower[4])) < 1e-6:
+            raise ConstraintError(
+                f"the region of {frame!r} fixes the pitch at {self.lower[4]:.4g} rad, where roll and yaw are one: turn "
+                "the region's frame so that the pitch is 0"
+            )
+        q = ca.SX.sym("q", robot.dimension)
+        d = self._expression(robot.symbolic_pose(q, frame))
+        values = ca.vertcat(*(d[i] - self.lower[i] if i < 3 else _nearest(d[i] - self.lower[i]) for i in rows))
+        labels = [f"{AXES[i]} of {frame} in the region [{_UNITS[i]}]" for i in rows]
+        return Constraint(f"region of {frame}", q, values, labels=labels, **settings)
+
+    def _expression(self, T: Pose) -> ca.SX:
+        T_w = constant(self.origin.se3().inverse()) @ T @ constant(self.offset.se3().inverse())
+        return ca.vertcat(T_w.position, roll_pitch_yaw(T_w.rotation))
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A chain of regions as a virtual-link manipulator, and the robot that holds its end.
+
+    Configurations of `robot` are those of the arm followed by the values of all dimensions that are not fixed, which
+    have the regions' bounds as joint limits. F has 6 rows: the hand is where the chain ends.
+
+    Attributes:
+        robot: the arm with the chain's virtual joints.
+        arm: number of the arm's variables.
+        constraint: 6 rows on all variables.
+        end: frame at the end of the chain; those after each region are `<name>_<i>`, for bodies that move with them.
+    """
+
+    robot: Robot
+    arm: int
+    constraint: Constraint
+    end: str
+
+    def values(self, q_arm: np.ndarray, guess: np.ndarray | None = None) -> tuple[np.ndarray, float]:
+        """Return the chain's values (m,) nearest to where the arm at q_arm (n,) holds its end, and ||F|| there.
+
+        Least squares within the bounds, from `guess` or the middle of the bounds.
+        """
+        n, constraint = self.arm, self.constraint
+        low, high = self.robot.lower[n:], self.robot.upper[n:]
+        begin = np.clip((low + high) / 2 if guess is None else guess, low, high)
+
+        def whole(x: np.ndarray) -> np.ndarray:
+            return np.concatenate([q_arm, x])
+
+        found = least_squares(
+            lambda x: constraint.value(whole(x)),
+            begin,
+            jac=lambda x: constraint.jacobian(whole(x))[:, n:],
+            bounds=(low, high),
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-12,
+        )
+        return found.x, constraint.distance(whole(found.x))
+
+
+def chain(
+    robot: Robot, regions: Sequence[TaskSpaceRegion], frame: str = "", name: str = "chain", **settings: Any
+) -> Chain:
+    """Join a frame of the robot (its tool by default) to the end of a chain of regions.
+
+    Two regions make a hinged door: the first turns about the hinge, the second about the handle.
+
+    Raises:
+        ConstraintError: no region, or no dimension that is not fixed.
+        RobotError: a free position (the chain's joints need finite limits), or a name that exists.
+    """
+    if not regions:
+        raise ConstraintError("a chain needs at least one region")
+    links: list[VirtualJoint | VirtualFrame] = []
+    before, end = pin.SE3.Identity(), ""  # where the next link stands after the joint before it
+    for i, region in enumerate(regions):
+        before, end = before * region.origin.se3(), f"{name}_{i}"
+        for direction, axis in enumerate(_OF_AXES):
+            low, high = region.lower[axis], region.upper[axis]
+            if low == high:
+                before = before * _step(axis, low)
+                continue
+            if axis >= 3 and region.free[axis]:
+                low, high = max(low, -np.pi), min(high, np.pi)
+            links.append(VirtualJoint(direction, before, low, high, f"{end}_{AXES[axis]}"))
+            before = pin.SE3.Identity()
+        before = before * region.offset.se3()
+        links.append(VirtualFrame(before, end))
+    if not any(isinstance(link, VirtualJoint) for link in links):
+        raise ConstraintError("all dimensions of the chain are fixed: use a pose instead")
+    larger = with_virtual_chain(robot, links)
+    constraint = closed_chain(larger, end, frame or robot.tool, pin.SE3.Identity(), **settings)
+    return Chain(larger, robot.dimension, constraint, end)
+
+
+def _step(axis: int, value: float) -> pin.SE3:
+    coordinates = np.zeros(6)
+    coordinates[axis] = value
+    return pin.SE3(pin.rpy.rpyToMatrix(*coordinates[3:]), coordinates[:3])
+
+
+def _nearest(angle: ca.SX) -> ca.SX:
+    """An angle less whole turns, in (-pi, pi]."""
+    return ca.atan2(ca.sin(angle), ca.cos(angle))
+
+
+def _wrapped(angle: float) -> float:
+    return float(np.arctan2(np.sin(angle), np.cos(angle)))

@@ -1,0 +1,93 @@
+"""Collision bodies: meshes as they are, as their convex hulls, or as the primitive that fits best."""
+
+from enum import Enum
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from pipeline.errors import RobotError
+
+_GRID = 0.002  # hull vertices are rounded to it where coal finds too many neighbours [m]
+
+
+class Geometry(Enum):
+    """What meshes of a description become; boxes, cylinders, spheres and capsules stay what they are."""
+
+    PRIMITIVES = "primitives"  # the box, capsule or sphere of least volume around the mesh
+    HULLS = "hulls"
+    MESHES = "meshes"
+
+
+def simplified(geometry: pin.GeometryModel, kind: Geometry) -> None:
+    """Replace the meshes of a geometry model.
+
+    Raises:
+        RobotError: a mesh without volume, of which there is no hull.
+    """
+    for body in geometry.geometryObjects:
+        if not isinstance(body.geometry, coal.BVHModelBase):
+            continue
+        vertices = np.array(body.geometry.vertices())
+        if len(vertices) == 0 or not np.isfinite(vertices).all():
+            raise RobotError(f"the mesh of body {body.name!r} has no vertices or some that are not finite")
+        if kind is Geometry.HULLS:
+            body.geometry = hull(vertices, body.name)
+        elif kind is Geometry.PRIMITIVES:
+            body.geometry, placement = primitive(vertices)
+            body.placement = body.placement * placement
+        body.meshScale = np.ones(3)  # the vertices carry it already
+
+
+def hull(vertices: np.ndarray, name: str) -> coal.ConvexBase:
+    """Return the convex hull of vertices (N, 3) [m].
+
+    Raises:
+        RobotError: the vertices lie in a plane.
+    """
+    for points in (vertices, np.unique(np.round(vertices / _GRID) * _GRID, axis=0)):
+        listed = coal.StdVec_Vec3s()
+        listed.extend(list(points))
+        try:
+            return coal.Convex.convexHull(listed, True, "Qt")
+        except Exception as error:  # coal raises what its C++ throws: a hull with more than 255 neighbours, or qhull's
+            reason = str(error).strip().splitlines()[0]
+    raise RobotError(f"the mesh of body {name!r} has no convex hull: {reason}")
+
+
+def primitive(vertices: np.ndarray) -> tuple[coal.ShapeBase, pin.SE3]:
+    """Return the box, capsule or sphere of least volume found around vertices (N, 3) [m], and its pose in their frame.
+
+    Boxes and capsules lie along the frame's axes or along the principal axes of the vertices.
+    """
+    centred = vertices - vertices.mean(axis=0)
+    principal = np.linalg.svd(centred, full_matrices=False)[2]
+    if np.linalg.det(principal) < 0:
+        principal[2] *= -1
+    found: list[tuple[float, coal.ShapeBase, pin.SE3]] = []
+    for rotation in (np.eye(3), principal.T):
+        local = vertices @ rotation
+        low, high = local.min(axis=0), local.max(axis=0)
+        middle, size = (low + high) / 2, np.maximum(high - low, 1e-6)
+        found.append((float(size.prod()), coal.Box(*size), pin.SE3(rotation, rotation @ middle)))
+        for axis in range(3):
+            found.append(_capsule(local - middle, axis, rotation, middle))
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    radius = float(np.linalg.norm(vertices - middle, axis=1).max())
+    found.append((4 / 3 * np.pi * radius**3, coal.Sphere(max(radius, 1e-6)), pin.SE3(np.eye(3), middle)))
+    _, shape, placement = min(found, key=lambda item: item[0])
+    return shape, placement
+
+
+def _capsule(
+    local: np.ndarray, axis: int, rotation: np.ndarray, middle: np.ndarray
+) -> tuple[float, coal.ShapeBase, pin.SE3]:
+    """The shortest capsule along one axis of a box around centred vertices (N, 3)."""
+    across = np.linalg.norm(np.delete(local, axis, axis=1), axis=1)
+    radius = max(float(across.max()), 1e-6)
+    # Each vertex must lie within the half ball at the end it is nearest to.
+    reach = np.abs(local[:, axis]) - np.sqrt(np.maximum(radius**2 - across**2, 0))
+    half = max(float(reach.max()), 0.0)
+    volume = np.pi * radius**2 * 2 * half + 4 / 3 * np.pi * radius**3
+    turn = np.roll(np.eye(3), axis - 2, axis=1)  # its third column is the axis
+    return volume, coal.Capsule(radius, 2 * half), pin.SE3(rotation @ turn, rotation @ middle)

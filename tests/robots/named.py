@@ -1,0 +1,24 @@
+"""The robots of conf/robot, read once per process."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from pipeline.robots import ROBOTS, Robot
+from pipeline.schema import Choice
+
+FOLDER = Path(__file__).parents[2] / "conf" / "robot"
+ROBOT_NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+@cache
+def named(name: str) -> Robot:
+    """The robot of a file in conf/robot."""
+    return Choice(**yaml.safe_load((FOLDER / f"{name}.yaml").read_text())).make(ROBOTS, "robot").robot()
+
+
+def configurations(robot: Robot, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Uniform configurations within the limits (count, n)."""
+    return rng.uniform(robot.lower, robot.upper, (count, robot.dimension))
