@@ -112,7 +112,7 @@ def test_every_choice_composes_and_converts(stage):
     """The stage's own configuration, and those with every other choice of its groups, convert into its dataclass."""
     convert_all(stage, compose(stage))
     offered = {key: files_of(key.partition("@")[0]) for key in choices_of(stage)}
-    for k in range(max(map(len, offered.values()))):  # all groups take their k-th choice at once
+    for k in range(max(map(len, offered.values()), default=0)):  # all groups take their k-th choice at once
         chosen = {key: names[k % len(names)] for key, names in offered.items()}
         config = compose(stage, [f"{key}={name}" for key, name in chosen.items()])
         load(config, schema(stage))

@@ -16,7 +16,8 @@ from pipeline.errors import ConstraintError
 
 _RANK_TOLERANCE = 1e-8  # a singular value below this share of the largest counts as zero
 _INVOLVED = 0.05  # a row's share in a combination of rows, from which on a message names it
-_BLOCK = 64  # configurations per batch call; larger blocks gain nothing, smaller ones pay the call
+_BLOCK = 64  # most configurations per batch call: larger blocks gain nothing, smaller ones pay the call
+_INSTRUCTIONS = 4096  # of a batch call: long expressions need no large block, whose empty rows they would pay for
 
 
 @dataclass(frozen=True)
@@ -133,25 +134,29 @@ class Constraint:
     def value_batch(self, Q: np.ndarray) -> np.ndarray:
         """Return F of every row of Q (N, n) as (N, k)."""
         found = np.empty((len(Q), self.k))
-        for first in range(0, len(Q), _BLOCK):
-            block = Q[first : first + _BLOCK]
+        for first in range(0, len(Q), self._block):
+            block = Q[first : first + self._block]
             self._value_block.arguments[0][: len(block)] = block
-            found[first : first + _BLOCK] = self._value_block.evaluate()[0].reshape(_BLOCK, self.k)[: len(block)]
+            found[first : first + self._block] = self._value_block.evaluate()[0].reshape(-1, self.k)[: len(block)]
         return found
 
-    def project_batch(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project every row of Q (N, n) by Algorithm 1; return the configurations (N, n) and which converged (N,)."""
+    def project_batch(self, Q: np.ndarray, iterations: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Project every row of Q (N, n) by Algorithm 1; return the configurations (N, n) and which converged (N,).
+
+        Takes at most `iterations` steps, `max_iterations` unless given.
+        """
+        most = self.max_iterations if iterations is None else iterations
         Q = np.array(Q, float)
         converged = np.zeros(len(Q), bool)
-        for first in range(0, len(Q), _BLOCK):
-            rows = slice(first, min(first + _BLOCK, len(Q)))
+        for first in range(0, len(Q), self._block):
+            rows = slice(first, min(first + self._block, len(Q)))
             count = rows.stop - rows.start
             block = self._step_block
             block.arguments[0][:count] = Q[rows]
-            for iteration in range(self.max_iterations + 1):
+            for iteration in range(most + 1):
                 following, violation = block.evaluate()
                 done = violation.reshape(-1)[:count] < self.tolerance**2
-                if done.all() or iteration == self.max_iterations:
+                if done.all() or iteration == most:
                     break
                 block.arguments[0][:count] = np.where(done[:, None], block.arguments[0][:count], following[:count])
             Q[rows], converged[rows] = block.arguments[0][:count], done
@@ -185,12 +190,16 @@ class Constraint:
         return Compiled(self._newton_function)
 
     @cached_property
+    def _block(self) -> int:
+        return int(np.clip(_INSTRUCTIONS // self._newton_function.n_instructions(), 4, _BLOCK))
+
+    @cached_property
     def _step_block(self) -> Compiled:
-        return Compiled(self._newton_function.map(_BLOCK))
+        return Compiled(self._newton_function.map(self._block))
 
     @cached_property
     def _value_block(self) -> Compiled:
-        return Compiled(self.function.map(_BLOCK))
+        return Compiled(self.function.map(self._block))
 
     @cached_property
     def _newton_function(self) -> ca.Function:

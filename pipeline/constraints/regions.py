@@ -128,12 +128,13 @@ class TaskSpaceRegion:
                 "the region's frame so that the pitch is 0"
             )
         q = ca.SX.sym("q", robot.dimension)
-        d = self._expression(robot.symbolic_pose(q, frame))
+        d = self.symbolic_coordinates(robot.symbolic_pose(q, frame))
         values = ca.vertcat(*(d[i] - self.lower[i] if i < 3 else _nearest(d[i] - self.lower[i]) for i in rows))
         labels = [f"{AXES[i]} of {frame} in the region [{_UNITS[i]}]" for i in rows]
         return Constraint(f"region of {frame}", q, values, labels=labels, **settings)
 
-    def _expression(self, T: Pose) -> ca.SX:
+    def symbolic_coordinates(self, T: Pose) -> ca.SX:
+        """Return `coordinates` of a pose of e in the world as an expression (6,)."""
         T_w = constant(self.origin.se3().inverse()) @ T @ constant(self.offset.se3().inverse())
         return ca.vertcat(T_w.position, roll_pitch_yaw(T_w.rotation))
 

@@ -175,9 +175,11 @@ class _TimedWalks:
     def __init__(self, space: Adherence) -> None:
         self.traverse, self.seconds, self.states = space.traverse, 0.0, 0
 
-    def __call__(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
+    def __call__(
+        self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None, land: bool = True
+    ) -> Traversal:
         begin = time.perf_counter()
-        walk = self.traverse(q_from, q_to, max_states)
+        walk = self.traverse(q_from, q_to, max_states, land)
         self.seconds += time.perf_counter() - begin
         self.states += len(walk.states)
         return walk

@@ -23,6 +23,7 @@ from pipeline.robots import Validity
 
 _SIXTEENTHS = (8, 4, 12, 2, 6, 10, 14, *range(1, 16, 2))  # of an edge: its middle, farthest from both free ends, first
 _EDGES = 8  # screened at a time
+_GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
 
 class Stop(Enum):
@@ -174,16 +175,32 @@ class Adherence(ABC):
         return self.validity.checks + (self._wide.checks if self._wide else 0)
 
     @abstractmethod
-    def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
+    def traverse(
+        self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None, land: bool = True
+    ) -> Traversal:
         """Walk on the manifold from q_from towards q_to, both on the manifold (n,), over at most `max_states` states.
 
         The target does not count when the last of them is within a step of it. q_from is taken to be valid; q_to is
-        checked when the walk gets there.
+        checked when the walk gets there. Without `land` the walk ends within a step of q_to, which need not be on the
+        manifold then and is never among the states.
         """
 
     @abstractmethod
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return up to `count` configurations on the manifold and within bounds (m, n); collisions are not checked."""
+
+    def directions(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Return configurations (count, n) to walk towards without landing: samples, or what would have become one.
+
+        Where the manifold is hard to hit (few random configurations reach it within the limits) a search that waits for
+        samples spends its time on them; a direction serves an extension as well.
+        """
+        Q = rng.uniform(self.lower, self.upper, (count, self.dimension))
+        self.counters.projections += count
+        X, converged = self.constraint.project_batch(Q, _GLANCE)
+        with np.errstate(invalid="ignore"):
+            inside = converged & ((X >= self.lower) & (X <= self.upper)).all(axis=1)
+        return np.where(inside[:, None], X, Q)
 
     def anchor(self, q: np.ndarray) -> None:
         """Tell the method that q (n,) is a start or goal; charts begin there."""
@@ -280,8 +297,12 @@ class Adherence(ABC):
     def _ended(self, reached: list[np.ndarray], stop: Stop) -> Traversal:
         return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)
 
-    def _finish(self, reached: list[np.ndarray], q_from: np.ndarray, q_to: np.ndarray, vouches: bool) -> Traversal:
-        """Within a step of the target: take it, if it and the way to it are free."""
+    def _finish(
+        self, reached: list[np.ndarray], q_from: np.ndarray, q_to: np.ndarray, vouches: bool, land: bool
+    ) -> Traversal:
+        """Within a step of the target: take it, if it and the way to it are free, unless the walk is not to land."""
+        if not land:
+            return self._ended(reached, Stop.ARRIVED)
         last = reached[-1] if reached else q_from
         offset = q_to - last
         chord = [q_to, *(last + share * offset for share in self._shares)]

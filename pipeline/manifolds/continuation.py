@@ -52,7 +52,9 @@ class ContinuationAdherence(Adherence):
         q, violation = self._psi(chart.origin, chart.tangent.T, chart.normal.T, u)
         return q.copy() if violation[0] < self.constraint.tolerance**2 else None
 
-    def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
+    def traverse(
+        self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None, land: bool = True
+    ) -> Traversal:
         """Walk by Algorithm 3 or 4."""
         self.counters.traversals += 1
         parameters = self.parameters
@@ -60,7 +62,7 @@ class ContinuationAdherence(Adherence):
         reached: list[np.ndarray] = []
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= parameters.step:
-            return self._finish(reached, q_from, q_to, False)
+            return self._finish(reached, q_from, q_to, False, land)
         chart = self._chart_at(q_from)
         if chart is None:
             return self._ended(reached, Stop.NO_CHART)
@@ -69,7 +71,7 @@ class ContinuationAdherence(Adherence):
         while True:
             if length(target - u) <= parameters.step:  # line 7, right at the beginning of a chart
                 near = length(q_to - q) <= parameters.leap * parameters.step
-                return self._finish(reached, q_from, q_to, vouches) if near else self._ended(reached, Stop.FOLDED)
+                return self._finish(reached, q_from, q_to, vouches, land) if near else self._ended(reached, Stop.FOLDED)
             flat, coordinates, codes, ways, gaps = self._edge(
                 chart.origin, chart.tangent.T, chart.normal.T, u, q, q_to, target, way, longest
             )
@@ -96,10 +98,14 @@ class ContinuationAdherence(Adherence):
                     return self._ended(reached, Stop.COLLISION)
                 reached.append(chord[0])
                 if to_target[i] <= parameters.step:
-                    return self._finish(reached, q_from, q_to, vouches)
+                    return self._finish(reached, q_from, q_to, vouches, land)
                 if code == Stop.ARRIVED.value and not leaves:  # over the target in the chart, or on another fold
                     near = to_target[i] <= parameters.leap * parameters.step
-                    return self._finish(reached, q_from, q_to, vouches) if near else self._ended(reached, Stop.FOLDED)
+                    return (
+                        self._finish(reached, q_from, q_to, vouches, land)
+                        if near
+                        else self._ended(reached, Stop.FOLDED)
+                    )
                 if len(reached) >= limit:
                     return self._ended(reached, Stop.STEP_LIMIT)
                 if leaves:

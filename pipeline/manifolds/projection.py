@@ -47,14 +47,16 @@ class ProjectionAdherence(Adherence):
             "projection_edge", [x, target, way, longest], [ca.horzcat(*points), ca.vertcat(*codes), ca.vertcat(*ways)]
         )
 
-    def traverse(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None) -> Traversal:
+    def traverse(
+        self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None, land: bool = True
+    ) -> Traversal:
         """Walk by Algorithm 2."""
         self.counters.traversals += 1
         straight = length(q_to - q_from)
         reached: list[np.ndarray] = []
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= self.parameters.step:
-            return self._finish(reached, q_from, q_to, False)
+            return self._finish(reached, q_from, q_to, False, land)
         q, way, longest, vouches = q_from, 0.0, self.parameters.wander * straight, False
         while True:
             flat, codes, ways = self._edge(q, q_to, way, longest)
@@ -69,7 +71,7 @@ class ProjectionAdherence(Adherence):
                 way = total
                 reached.append(chord[0])
                 if code:
-                    return self._finish(reached, q_from, q_to, vouches)
+                    return self._finish(reached, q_from, q_to, vouches, land)
                 if len(reached) >= limit:
                     return self._ended(reached, Stop.STEP_LIMIT)
             q = chords[-1, 0]

@@ -54,6 +54,8 @@ class Problem:
     Attributes:
         adherence: manifold, obstacles and parameters.
         start, goal: configurations (n,).
+        others: further goals (G, n), any of which will do as well; planners that grow no tree from the goal go for
+            `goal` only.
         scene: key of the scene for samplers that condition on it.
     """
 
@@ -61,6 +63,7 @@ class Problem:
     start: np.ndarray
     goal: np.ndarray
     scene: str | None = None
+    others: np.ndarray | None = None
 
     def check(self) -> None:
         """Refuse a start or goal that no path can have.
@@ -70,7 +73,9 @@ class Problem:
                 names which, the value and the bound.
         """
         space = self.adherence
-        for name, q in (("start", self.start), ("goal", self.goal)):
+        others = [] if self.others is None else list(self.others)
+        named = [("start", self.start), ("goal", self.goal), *((f"goal {i + 2}", q) for i, q in enumerate(others))]
+        for name, q in named:
             q = np.asarray(q, float)
             if q.shape != (space.dimension,):
                 raise ProblemError(f"{name} has shape {q.shape}, the robot has {space.dimension} joints")
@@ -90,10 +95,7 @@ class Problem:
                     f"tolerance {space.constraint.tolerance:.3g}; project it first"
                 )
             if not space.validity.free(q):
-                raise ProblemError(
-                    f"{name} is in collision: clearance {space.validity.clearance(q):.4g} m, "
-                    f"margin {space.validity.margin:.4g} m"
-                )
+                raise ProblemError(f"{name} is {space.validity.reason(q)}")
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,8 @@ class Planner(ABC):
         rng, network_time = np.random.default_rng(seed), 0.0
         space.anchor(problem.start)
         space.anchor(problem.goal)
+        for other in [] if problem.others is None else problem.others:
+            space.anchor(other)
         status = PlanStatus.SOLVED
         path: np.ndarray | None = None
         if np.array_equal(problem.start, problem.goal):

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.errors import require
+from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence
 from pipeline.manifolds.base import length
 from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
@@ -54,6 +54,8 @@ class FmtStar(Planner):
     def _search(
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
+        if not sampler.lands:
+            raise ConfigError("FMT* connects its samples: it needs a sampler that draws from the manifold")
         batch = self.first_batch(problem, sampler, clock)
         wave = _Wave(problem.adherence, batch, self.radius_multiplier, self.heuristic)
         while True:

@@ -41,19 +41,19 @@ class Rrt(Planner):
             if status is not None:
                 return status, None
             if sampler.rng.random() < self.goal_bias:
-                targets = goal[None]
+                targets = [goal]
             else:
                 current = tree[alive[int(sampler.rng.integers(len(alive)))]]  # SelectNodes of Algorithm 6
-                targets = sampler.sample(current[None], goal[None])
+                targets = list(sampler.sample(current[None], goal[None]))
             if not len(targets):
                 continue
             space.counters.nearest_queries += 1
             node = tree.nearest(targets[0])
-            walk = space.traverse(tree[node], targets[0], longest)
+            walk = space.traverse(tree[node], targets[0], longest, sampler.lands or targets[0] is goal)
             for first in range(0, len(walk.states), self.node_states):
                 node = tree.add(node, walk.states[first : first + self.node_states])
                 alive.append(node)
-            if walk.reached and np.array_equal(targets[0], goal):
+            if walk.reached and targets[0] is goal:
                 states, owners = tree.path(node)
                 refined = space.refine(states)
                 if refined.invalid is None:

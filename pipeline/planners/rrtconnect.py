@@ -34,6 +34,8 @@ class RrtConnect(Planner):
         space = problem.adherence
         longest = max(int(self.range / space.parameters.step), 1)
         trees = (Tree(problem.start), Tree(problem.goal))
+        for other in [] if problem.others is None else problem.others:
+            trees[1].add_root(other)
         current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
         a, b = 0, 1
         while True:
@@ -42,9 +44,9 @@ class RrtConnect(Planner):
                 return status, None
             proposals = sampler.sample(current[a][None], current[b][None])
             if len(proposals):
-                node, current[a], _ = self._grow(space, trees[a], proposals[0], longest)
+                node, current[a], _ = self._grow(space, trees[a], proposals[0], longest, sampler.lands)
                 if node is not None:
-                    other, _, reached = self._grow(space, trees[b], current[a], None)
+                    other, _, reached = self._grow(space, trees[b], current[a], None, True)
                     if reached and other is not None:
                         path = self._join(space, trees, (node, other) if a == 0 else (other, node))
                         if path is not None:
@@ -52,12 +54,12 @@ class RrtConnect(Planner):
             a, b = b, a
 
     def _grow(
-        self, space: Adherence, tree: Tree, target: np.ndarray, max_states: int | None
+        self, space: Adherence, tree: Tree, target: np.ndarray, max_states: int | None, land: bool
     ) -> tuple[int | None, np.ndarray, bool]:
         """Walk from the nearest node towards `target`; return the new node, where that is, and if it is the target."""
         space.counters.nearest_queries += 1
         nearest = tree.nearest(target)
-        walk = space.traverse(tree[nearest], target, max_states)
+        walk = space.traverse(tree[nearest], target, max_states, land)
         if not len(walk.states):
             return None, tree[nearest].copy(), False
         node = nearest

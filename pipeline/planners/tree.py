@@ -35,6 +35,15 @@ class Tree:
         self.children[parent].append(node)
         return node
 
+    def add_root(self, q: np.ndarray) -> None:
+        """Add another root at q (n,): the tree becomes a forest, whose paths begin at the root they come from."""
+        self.parents.append(-1)
+        self.edges.append(np.empty((0, len(q))))
+        self.children.append([])
+        if len(self.parents) > len(self._q):
+            self._q = np.concatenate([self._q, np.empty_like(self._q)])
+        self._q[len(self.parents) - 1] = q
+
     def nearest(self, q: np.ndarray) -> int:
         """Return the node nearest to q (n,) in the ambient space."""
         offsets = self._q[: len(self.parents)] - q

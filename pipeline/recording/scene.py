@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
+import coal
 import numpy as np
+import pinocchio as pin
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
@@ -15,18 +17,21 @@ from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from google.protobuf.duration_pb2 import Duration
 
-from pipeline.recording.content import WORLD, Recording
+from pipeline.recording.content import WORLD, Recording, frame_ids
 from pipeline.recording.messages import pose, stamp, vector
-from pipeline.robots import Obstacle, Shape
+from pipeline.robots import Obstacle, Robot, Shape
+from pipeline.robots.surfaces import triangles
 
-OBSTACLE_PREFIX = "obstacle/"
+OBSTACLE_PREFIX, BODY_PREFIX = "obstacle/", "body/"
 MARKER = 0.04  # diameter of the start and goal balls [m]: seen beside an arm, smaller than any obstacle of ours
 LINE_WIDTH = 3.0  # [px]
 # Okabe and Ito's palette, told apart by colour-blind readers too.
-GREY, GREEN, RED, BLUE, SKY = (
+GREY, LIGHT, GREEN, RED, BLUE, SKY = (
     Color(r=0.6, g=0.6, b=0.6, a=1.0),
+    Color(r=0.85, g=0.85, b=0.82, a=1.0),
     Color(r=0.0, g=0.62, b=0.45, a=1.0),
     Color(r=0.84, g=0.37, b=0.0, a=1.0),
     Color(r=0.0, g=0.45, b=0.7, a=1.0),
@@ -58,6 +63,8 @@ def scene_update(recording: Recording, start: Pose, goal: Pose, path: Sequence[P
     facts = sorted({**recording.metadata, **recording.counters}.items())  # a viewer shows them on a click on the path
     properties = [KeyValuePair(key=key, value=str(value)) for key, value in facts]
     entities.append(_entity("path", lines=[line], metadata=properties))
+    bodies = [_body(recording.robot, body) for body in recording.robot.geometry.geometryObjects]
+    entities += [body for body in bodies if body is not None]
     if recording.manifold_sphere_radius is not None:
         entities.append(_ball("manifold", pose((0, 0, 0)), 2 * recording.manifold_sphere_radius, SKY))
     return SceneUpdate(entities=entities)
@@ -80,7 +87,10 @@ def obstacle_cloud(obstacles: Sequence[Obstacle]) -> PointCloud:
 
 def surface_points(obstacle: Obstacle) -> np.ndarray:
     """Return evenly spread points (P, 3) on the surface in the world [m], the same at every call."""
-    local = _UNIT_SURFACE[obstacle.shape] * obstacle.size  # (P, 3)
+    if obstacle.shape in _UNIT_SURFACE:
+        local = _UNIT_SURFACE[obstacle.shape] * obstacle.size  # (P, 3)
+    else:
+        local = triangles(obstacle.geometry())[0]
     return local @ obstacle.rotation.T + obstacle.position
 
 
@@ -90,9 +100,31 @@ def _obstacle(name: str, obstacle: Obstacle) -> SceneEntity:
         return _entity(name, cubes=[CubePrimitive(pose=placed, size=size, color=GREY)])
     if obstacle.shape is Shape.SPHERE:
         return _entity(name, spheres=[SpherePrimitive(pose=placed, size=size, color=GREY)])
+    if obstacle.shape in (Shape.MESH, Shape.OCTREE):
+        return _entity(name, triangles=[_triangles(obstacle.geometry(), placed, GREY)])
     # Both scales are 0 in an empty message, which would draw nothing.
     cylinder = CylinderPrimitive(pose=placed, size=size, bottom_scale=1.0, top_scale=1.0, color=GREY)
     return _entity(name, cylinders=[cylinder])
+
+
+def _body(robot: Robot, body: pin.GeometryObject) -> SceneEntity | None:
+    """A body of the robot, fixed in a frame that moves with it, as viewers want it; None where no frame does."""
+    name, placement = WORLD, body.placement
+    if body.parentJoint:
+        frames = robot.model.frames
+        fixed = [i for i in frame_ids(robot).values() if frames[i].parentJoint == body.parentJoint]
+        if not fixed:
+            return None
+        frame = frames[body.parentFrame if body.parentFrame in fixed else fixed[0]]
+        name, placement = frame.name, frame.placement.actInv(body.placement)
+    placed = pose(placement.translation, pin.Quaternion(placement.rotation).coeffs())
+    return _entity(f"{BODY_PREFIX}{body.name}", triangles=[_triangles(body.geometry, placed, LIGHT)], frame=name)
+
+
+def _triangles(geometry: coal.CollisionGeometry, placed: Pose, color: Color) -> TriangleListPrimitive:
+    vertices, faces = triangles(geometry)
+    points = [Point3(x=x, y=y, z=z) for x, y, z in vertices.tolist()]
+    return TriangleListPrimitive(pose=placed, points=points, color=color, indices=faces.ravel().tolist())
 
 
 def _ball(name: str, placed: Pose, diameter: float, color: Color) -> SceneEntity:
@@ -106,17 +138,20 @@ def _entity(
     spheres: Sequence[SpherePrimitive] = (),
     cylinders: Sequence[CylinderPrimitive] = (),
     lines: Sequence[LinePrimitive] = (),
+    triangles: Sequence[TriangleListPrimitive] = (),
+    frame: str = WORLD,
     metadata: Sequence[KeyValuePair] = (),
 ) -> SceneEntity:
     return SceneEntity(
         timestamp=stamp(0),
-        frame_id=WORLD,
+        frame_id=frame,
         id=name,
         lifetime=Duration(),  # 0: until replaced
         cubes=cubes,
         spheres=spheres,
         cylinders=cylinders,
         lines=lines,
+        triangles=triangles,
         metadata=metadata,
     )
 

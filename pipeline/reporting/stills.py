@@ -1,11 +1,7 @@
 """Still pictures of paths and samples on the sphere: rendered by VTK, or drawn flat where VTK cannot start."""
 
 import json
-import logging
-import os
-import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,10 +13,10 @@ from matplotlib.lines import Line2D
 from pipeline.errors import ProblemError
 from pipeline.reporting import stills_plain
 from pipeline.reporting.globe import Globe, View, corners, covered, views
+from pipeline.reporting.renderer import plain_wanted, render
 from pipeline.reporting.style import color, new_figure, save, style
 from pipeline.robots import Obstacle, Shape
 
-PLAIN = "PIPELINE_PLAIN_STILLS"  # environment variable: '1' draws flat pictures without trying VTK
 HALF = 1.08  # half the width of a panel, in radii: leaves room for blocks and balls at the edge
 LOOK: dict[str, Any] = {
     "sphere": "#E4E4E4", "obstacle": "#8A8F98", "start": "#000000", "goal": "#CC79A7",  # goal: Okabe and Ito
@@ -28,23 +24,21 @@ LOOK: dict[str, Any] = {
 }  # fmt: skip
 _PIXELS = 800
 _PANEL = 3.4  # [inch]
-_TIME_LIMIT = 180.0  # [s]; a still takes 2 to 10 s, a software renderer on a busy machine several times that
 _LARGE = 0.5  # obstacles wider than this [radii] are shown as a relief where they cut the sphere: whole they hide it
 _RELIEF = (541, 1081)  # every third of a degree
 _CLOUDS = ("#009E73", "#0B4FA3", "#D55E00", "#555555")  # none is the red of the path they are to surround
-_LOG = logging.getLogger(__name__)
 
 
 class Stills:
     """Draws stills; at the first failure of VTK it says so once and draws flat pictures from then on.
 
     Args:
-        plain: True draws flat pictures only, None asks the environment variable `PLAIN`.
+        plain: True draws flat pictures only, None asks the environment (`plain_wanted`).
         renderer: the command that renders; it gets two file names, see `stills_vtk.py`.
     """
 
     def __init__(self, plain: bool | None = None, renderer: Sequence[str] | None = None) -> None:
-        self.plain = os.environ.get(PLAIN, "") not in ("", "0") if plain is None else plain
+        self.plain = plain_wanted() if plain is None else plain
         # -P keeps this folder off the script's path: its modules would pass for others (markdown).
         self._renderer = renderer or (sys.executable, "-P", str(Path(__file__).with_name("stills_vtk.py")))
 
@@ -121,33 +115,9 @@ class Stills:
 
     def _render(self, globes: Sequence[Globe], cameras: list[list[View]]) -> np.ndarray | None:
         """Return the panels' images (K, pixels, pixels, 3), or None where VTK failed, after saying so."""
-        with tempfile.TemporaryDirectory() as folder:
-            scene, images = Path(folder) / "scene.npz", Path(folder) / "images.npz"
-            np.savez(scene, **_scene(globes, cameras))  # type: ignore[arg-type]  # its stub takes names for options
-            try:
-                done = subprocess.run(
-                    [*self._renderer, str(scene), str(images)], capture_output=True, text=True, timeout=_TIME_LIMIT
-                )
-                reason = f"exit code {done.returncode}: {done.stderr.strip()[-300:]}" if done.returncode else ""
-            except (OSError, subprocess.TimeoutExpired) as error:
-                reason = str(error)
-            if not reason:
-                try:
-                    with np.load(images, allow_pickle=False) as stored:
-                        found = stored["images"]
-                    # A broken driver gives panels of one colour.
-                    blank = found.ndim != 4 or found.std(axis=(1, 2, 3)).min() < 1
-                    if len(found) == sum(map(len, cameras)) and not blank:
-                        return found
-                    reason = "it returned blank images or too few"
-                except (OSError, KeyError, ValueError) as error:
-                    reason = f"it returned no images ({error})"
-        self.plain = True
-        _LOG.warning(
-            "VTK cannot render here (%s). Stills are drawn flat by matplotlib; for 3-D ones install libegl1 and libgl1 "
-            "(or libosmesa6), or set %s=1 to silence this.", reason, PLAIN,
-        )  # fmt: skip
-        return None
+        images = render(self._renderer, _scene(globes, cameras), sum(map(len, cameras)))
+        self.plain = images is None
+        return images
 
 
 def _scene(globes: Sequence[Globe], cameras: list[list[View]]) -> dict[str, np.ndarray]:

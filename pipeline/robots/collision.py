@@ -107,6 +107,40 @@ class Validity:
         """True when q (n,) is within the limits and free."""
         return self.in_bounds(q) and self.free(q)
 
+    def contacts(self, q: np.ndarray) -> list[tuple[str, str]]:
+        """Return the pairs (body, body or obstacle) by name that are nearer than the margin at q (n,): for messages."""
+        geometry, found = self.robot.geometry, []
+        placed, names = geometry.createData(), self.robot.body_names
+        pin.updateGeometryPlacements(self._model, self._data, geometry, placed, q)
+        bodies = [
+            coal.CollisionObject(body.geometry, M.rotation, M.translation)
+            for body, M in zip(geometry.geometryObjects, placed.oMg, strict=True)
+        ]
+        request = coal.CollisionRequest()
+        request.security_margin = self.margin if self.self_margin is None else self.self_margin
+        for pair in geometry.collisionPairs:
+            if coal.collide(bodies[pair.first], bodies[pair.second], request, coal.CollisionResult()):
+                found.append((names[pair.first], names[pair.second]))
+        request.security_margin = self.margin
+        for number, obstacle in enumerate(self.obstacles):
+            there = obstacle.collision_object()
+            for body, shape, name in zip(geometry.geometryObjects, bodies, names, strict=True):
+                asked = body.parentJoint and (name, obstacle.name) not in self.touching
+                if asked and coal.collide(shape, there, request, coal.CollisionResult()):
+                    found.append((name, obstacle.name or f"obstacle {number}"))
+        return found
+
+    def reason(self, q: np.ndarray) -> str:
+        """Return why q (n,) is not free, for messages."""
+        pairs = [f"{one} with {two}" for one, two in self.contacts(q)]
+        failing = [getattr(c, "name", "a condition") for c in self.conditions if not c.holds(q)]
+        parts = (
+            [f"in collision: {', '.join(pairs)}; clearance {self.clearance(q):.4g} m, margin {self.margin:.4g} m"]
+            if pairs
+            else []
+        )
+        return "; ".join(parts + [f"not meeting {name}" for name in failing]) or "free"
+
     def clearance(self, q: np.ndarray) -> float:
         """Return the distance from the robot at q (n,) to the nearest obstacle [m]; negative inside, inf without any.
 

@@ -36,10 +36,13 @@ def attach(robot: Robot, body: Obstacle, frame: str, touching: Collection[str] =
             raise RobotError(
                 unknown(f"{body.name!r} may touch a body that {robot.name!r} lacks:", name, robot.body_names)
             )
-    carrier = robot.model.frames[robot.frame_id(frame)]
+    number = robot.frame_id(frame)
+    carrier = robot.model.frames[number]
     placement = carrier.placement * pin.SE3(body.rotation, np.array(body.position))
     geometry = robot.geometry.copy()
-    added = geometry.addGeometryObject(pin.GeometryObject(body.name, carrier.parentJoint, placement, body.geometry()))
+    added = geometry.addGeometryObject(
+        pin.GeometryObject(body.name, carrier.parentJoint, number, placement, body.geometry())
+    )
     for i, other in enumerate(robot.geometry.geometryObjects):
         if other.parentJoint != carrier.parentJoint and other.name not in touching:
             geometry.addCollisionPair(pin.CollisionPair(i, added))

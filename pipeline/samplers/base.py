@@ -12,10 +12,12 @@ class Sampler(ABC):
 
     Attributes:
         batch: K, how many configurations a batch planner should ask for at a time.
+        lands: whether proposals are on the manifold, as `sample` says; where not, a planner may only walk towards them.
         informed: whether proposals depend on `current` and `target`; a planner need not select them otherwise.
     """
 
     batch: int = 1
+    lands: bool = True
     informed: bool = False
 
     def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:

@@ -20,6 +20,7 @@ class UniformParameters:
 
     batch: int = 64
     block: int = 32
+    directions: bool = False
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def make_sampler(choice: Choice, learned: Learned | None = None) -> Sampler:
     """
     parameters = choice.make(_PARAMETERS, "sampler")
     if choice.kind == "uniform":
-        return UniformSampler(parameters.batch, parameters.block)
+        return UniformSampler(parameters.batch, parameters.block, parameters.directions)
     if learned is None:
         raise ConfigError(f"sampler {choice.kind!r} needs a trained network: run the train stage")
     return CompnetxSampler(learned.network, learned.voxels, parameters.batch, parameters.n_ismp)

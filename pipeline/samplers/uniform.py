@@ -13,12 +13,14 @@ class UniformSampler(Sampler):
     Args:
         batch: K for batch planners.
         block: samples drawn at a time and handed out one by one; projecting a block costs little more than one.
+        directions: draw directions instead, which need not be on the manifold (see `Adherence.directions`); for
+            planners that extend towards samples, not for those that connect them.
     """
 
-    def __init__(self, batch: int = 64, block: int = 32) -> None:
+    def __init__(self, batch: int = 64, block: int = 32, directions: bool = False) -> None:
         for name, value in (("batch", batch), ("block", block)):
             require(f"sampler.{name}", value, at_least=1)
-        self.batch, self.block = batch, block
+        self.batch, self.block, self.lands = batch, block, not directions
 
     def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:
         """Bind to a problem and forget the samples drawn for the last one."""
@@ -26,10 +28,11 @@ class UniformSampler(Sampler):
         self._drawn = np.empty((0, adherence.dimension))
 
     def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Return up to K samples of the manifold (m, n)."""
+        """Return up to K samples of the manifold, or K directions (m, n)."""
         count = len(current)
         if len(self._drawn) < count:
-            fresh = self.adherence.sample(self.rng, max(self.block, count - len(self._drawn)))
+            draw = self.adherence.sample if self.lands else self.adherence.directions
+            fresh = draw(self.rng, max(self.block, count - len(self._drawn)))
             self._drawn = np.concatenate([self._drawn, fresh])
         found, self._drawn = self._drawn[:count], self._drawn[count:]
         self.counters.samples += len(found)

@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 from pipeline.errors import ProblemError
 from pipeline.reporting import Globe, Stills
-from pipeline.reporting.stills import PLAIN
+from pipeline.reporting.renderer import PLAIN
 from pipeline.reporting.style import COLORS
 from tests.reporting.synthetic import arc, band_scene, block_scene, unit
 

@@ -1,0 +1,148 @@
+"""From a problem file to what planners take: robot, constraint, checker, start and goals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.constraints import Chain, Condition, Constraint, chain, intersection
+from pipeline.errors import ConfigError, ProblemError, unknown
+from pipeline.problems.file import ProblemFile, Where, choice
+from pipeline.problems.inverse import InverseKinematics, Target, at_pose, in_region, with_values
+from pipeline.robots import ROBOTS, Obstacle, Robot, Validity, attach
+
+_TRIES = 100  # of inverse kinematics per wanted configuration
+_APART = 0.1  # goals nearer than this to each other count as one [rad or m]
+
+
+@dataclass(frozen=True)
+class Built:
+    """A problem, ready to be planned.
+
+    Attributes:
+        robot: with the chain's virtual joints and what it holds.
+        constraint: all equations.
+        obstacles: of the scene.
+        validity: the checker for planning, with margins.
+        exact: the checker without margins, for the verifier.
+        start: configuration (n,).
+        goals: configurations (G, n), the nearest to the start first.
+    """
+
+    robot: Robot
+    constraint: Constraint
+    obstacles: tuple[Obstacle, ...]
+    validity: Validity
+    exact: Validity
+    start: np.ndarray
+    goals: np.ndarray
+
+
+def build(file: ProblemFile) -> Built:
+    """Make what the file describes.
+
+    Raises:
+        ConfigError, RobotError, ConstraintError, ProblemError: whatever does not fit; the message names it.
+    """
+    robot: Robot = choice(file.robot, "robot").make(ROBOTS, "robot").robot()
+    arm, held = robot, None
+    if file.chain is not None:
+        held = chain(robot, [r.region() for r in file.chain.regions], file.chain.frame, file.chain.name)
+        robot = held.robot
+    obstacles = tuple(body.obstacle(file.folder) for body in file.obstacles)
+    touching = []
+    for grasp in file.grasps:
+        robot = attach(robot, grasp.obstacle(file.folder), grasp.frame or robot.tool, grasp.beside)
+        touching += [(grasp.name, name) for name in grasp.touches]
+    begin = _exact(file.start, arm, held, "start") if file.start.exact else None
+    made = [part(robot, begin) for part in file.parts()]
+    equations = [held.constraint] if held is not None else []
+    equations += [part for part in made if isinstance(part, Constraint)]
+    conditions = [part for part in made if isinstance(part, Condition)]
+    if not equations:
+        raise ConfigError("constraints has conditions only: a problem needs at least one equation")
+    constraint = equations[0] if len(equations) == 1 else intersection(*equations)
+    validity = Validity(robot, obstacles, file.margin, file.self_margin, touching, conditions)
+    exact = Validity(robot, obstacles, 0.0, 0.0, touching, conditions)
+    finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]))
+    start = finder.find(file.start, "start", 1, robot.rest)[0]
+    goals = finder.find(file.goal, "goal", file.goals, start)
+    order = np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")
+    return Built(robot, constraint, obstacles, validity, exact, start, goals[order])
+
+
+class _Finder:
+    """Turns what a file says of a start or goal into configurations."""
+
+    def __init__(
+        self,
+        arm: Robot,
+        robot: Robot,
+        held: Chain | None,
+        constraint: Constraint,
+        validity: Validity,
+        rng: np.random.Generator,
+    ) -> None:
+        self.arm, self.robot, self.held = arm, robot, held
+        self.constraint, self.validity, self.rng = constraint, validity, rng
+
+    def find(self, where: Where, name: str, count: int, near: np.ndarray | None) -> np.ndarray:
+        """Return one exact configuration, or up to `count` valid ones for a pose or region (m, n)."""
+        if where.exact:
+            q = _exact(where, self.arm, self.held, name)
+            return (self.constraint.project(q).q if where.project else q)[None]
+        inverse = InverseKinematics(self.robot, self.constraint, self._target(where, name))
+        found: list[np.ndarray] = []
+        reached: list[np.ndarray] = []
+        for q in inverse.solutions(self.rng, _TRIES * count, near):
+            reached.append(q)
+            new = all(np.linalg.norm(q - other) > _APART for other in found)
+            if new and self.validity.free(q):
+                found.append(q)
+                if len(found) == count:
+                    break
+        tries = _TRIES * count
+        if not reached:
+            raise ProblemError(
+                f"{name}: inverse kinematics found no configuration there that is within the joint limits and on "
+                f"the manifold {self.constraint.name!r}, in {tries} tries"
+            )
+        if not found:
+            raise ProblemError(
+                f"{name}: {len(reached)} of {tries} tries of inverse kinematics arrived there, and none is valid; the "
+                f"first is {self.validity.reason(reached[0])}"
+            )
+        return np.array(found)
+
+    def _target(self, where: Where, name: str) -> Target:
+        frame = where.frame or self.robot.tool
+        if where.pose is not None:
+            return at_pose(self.robot, frame, where.pose.se3())
+        if where.region is not None:
+            return in_region(self.robot, frame, where.region.region())
+        values = where.values or {}
+        names = self.robot.joint_names
+        for joint in values:
+            if joint not in names:
+                raise ProblemError(unknown(f"{name} names a joint that {self.robot.name!r} lacks:", joint, names))
+        return with_values(self.robot, [(names.index(joint), value) for joint, value in values.items()])
+
+
+def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarray:
+    """The configuration a file gives, with the chain's values where it leaves them out."""
+    if where.joints is not None:
+        for joint in where.joints:
+            if joint not in arm.joint_names:
+                raise ProblemError(unknown(f"{name} names a joint that {arm.name!r} lacks:", joint, arm.joint_names))
+        rest = np.zeros(arm.dimension) if arm.rest is None else arm.rest
+        q = np.array([where.joints.get(j, r) for j, r in zip(arm.joint_names, rest, strict=True)], float)
+    else:
+        q = np.array(where.configuration, float)
+    sizes = [arm.dimension] + ([held.robot.dimension] if held is not None else [])
+    if len(q) not in sizes or not np.isfinite(q).all():
+        raise ProblemError(
+            f"{name} has {len(q)} joint values; {arm.name!r} has {' or, with the chain, '.join(map(str, sizes))} "
+            f"joints, and values must be finite: {', '.join(arm.joint_names)}"
+        )
+    if held is not None and len(q) == arm.dimension:
+        q = np.concatenate([q, held.values(q)[0]])
+    return q

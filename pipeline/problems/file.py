@@ -1,0 +1,286 @@
+"""Problem files: what a user writes to have one problem planned."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pipeline.constraints import TaskSpaceRegion
+from pipeline.errors import ConfigError, ProblemError, require, unknown
+from pipeline.problems.parts import PARTS, Part
+from pipeline.robots import IDENTITY, Obstacle, Placement, Shape
+from pipeline.schema import Choice, convert
+
+CONF = Path(__file__).resolve().parents[2] / "conf"
+
+
+@dataclass(frozen=True)
+class Body:
+    """A shape and where it is.
+
+    Attributes:
+        shape: box, sphere, cylinder, mesh or octree.
+        size: full extents [m]: three numbers, or one for all; a cylinder's are diameter, diameter, length; a mesh's are
+            scales, an octree's the edge of a leaf.
+        xyz, rpy: position [m] and orientation [rad] in the world, or in the frame of a grasp.
+        name: by which `touches` speaks of it.
+        file: of a mesh (STL, OBJ, DAE), or of an octree's points (N, 3) as .npy or .csv; relative to the problem file.
+    """
+
+    shape: Shape
+    size: Any
+    xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
+    name: str = ""
+    file: str = ""
+
+    def obstacle(self, folder: Path) -> Obstacle:
+        """Return the shape at its pose; files are found from `folder`.
+
+        Raises:
+            ProblemError: sizes that are not positive, or a file that is missing or malformed.
+            ConfigError: a pose that is not finite.
+        """
+        size = self.size if isinstance(self.size, list | tuple) else [self.size] * 3
+        if len(size) != 3 or not all(isinstance(s, int | float) and 0 < s < np.inf for s in size):
+            raise ProblemError(
+                f"{self.shape.value} {self.name!r} has size {self.size}; it must be 1 or 3 numbers above 0"
+            )
+        if self.shape in (Shape.MESH, Shape.OCTREE) and not self.file:
+            raise ProblemError(f"{self.shape.value} {self.name!r} has no file")
+        pose = Placement(self.xyz, self.rpy).se3()
+        x, y, z, w = (float(part) for part in _quaternion(pose.rotation))
+        file = str(folder / self.file) if self.file else ""
+        points = _points(Path(file)) if self.shape is Shape.OCTREE else None
+        return Obstacle(
+            self.shape,
+            (self.xyz[0], self.xyz[1], self.xyz[2]),
+            (x, y, z, w),
+            (float(size[0]), float(size[1]), float(size[2])),
+            self.name,
+            file,
+            points,
+        )
+
+
+@dataclass(frozen=True)
+class Grasp(Body):
+    """A body that a frame of the robot carries.
+
+    Attributes:
+        frame: that carries it; the tool by default.
+        touches: obstacles that the body may touch.
+        beside: bodies of the robot that the body may touch, besides those of the joint that carries it.
+    """
+
+    frame: str = ""
+    touches: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Region:
+    """A task space region in a file; see `TaskSpaceRegion`. Bounds that are left out are free.
+
+    Attributes:
+        x, y, z, roll, pitch, yaw: lower and upper bound, or one number for both [m, rad].
+        origin: where the region's frame is.
+        offset: where the held frame is in the region at zero displacement.
+    """
+
+    x: Any = None
+    y: Any = None
+    z: Any = None
+    roll: Any = None
+    pitch: Any = None
+    yaw: Any = None
+    origin: Placement = IDENTITY
+    offset: Placement = IDENTITY
+
+    def region(self) -> TaskSpaceRegion:
+        """Return the region."""
+        bounds = [_bounds(name, getattr(self, name)) for name in ("x", "y", "z", "roll", "pitch", "yaw")]
+        lower, upper = zip(*bounds, strict=True)
+        return TaskSpaceRegion(lower, upper, self.origin, self.offset)
+
+
+@dataclass(frozen=True)
+class ChainFile:
+    """A chain of regions; see `chain`."""
+
+    regions: tuple[Region, ...]
+    frame: str = ""
+    name: str = "chain"
+
+
+@dataclass(frozen=True)
+class Where:
+    """A start or goal: exactly one of these.
+
+    Attributes:
+        configuration: of all joints, in their order [rad or m]; of a chain's robot those of the arm are enough.
+        joints: values by name; those left out rest.
+        pose: of the frame in the world; solved for by inverse kinematics.
+        region: the same with any pose in it.
+        values: of some joints, a chain's among them; the others are solved for as well.
+        frame: for pose and region; the tool by default.
+        project: move a configuration that is off the manifold onto it, instead of refusing it.
+    """
+
+    configuration: tuple[float, ...] | None = None
+    joints: dict[str, float] | None = None
+    pose: Placement | None = None
+    region: Region | None = None
+    values: dict[str, float] | None = None
+    frame: str = ""
+    project: bool = False
+
+    def __post_init__(self) -> None:
+        given = [n for n in ("configuration", "joints", "pose", "region", "values") if getattr(self, n) is not None]
+        if len(given) != 1:
+            raise ConfigError(
+                "a start or goal is one of configuration, joints, pose, region, values; this one has "
+                f"{', '.join(given) or 'none'}"
+            )
+
+    @property
+    def exact(self) -> bool:
+        """True when it says the joints, not where a frame is."""
+        return self.configuration is not None or self.joints is not None
+
+
+@dataclass(frozen=True)
+class ProblemFile:
+    """One problem, as a file says it.
+
+    Attributes:
+        robot: name of a file in conf/robot, or the same content.
+        constraints: entries of `PARTS`, each with its `kind`.
+        start, goal: where from and to.
+        obstacles: in the world.
+        grasps: what the robot holds.
+        chain: a chain of regions that the tool is held by.
+        planner, sampler, adherence: names of files in conf/, or the same content.
+        time_limit: of planning [s].
+        margin: to obstacles, in planning; the check of the path has none [m].
+        self_margin: between bodies of the robot, likewise [m].
+        shortcuts: attempts to shorten the path.
+        goals: how many configurations a goal's pose or region is turned into.
+        spacing: of the written path's states [rad or m].
+        speed: share of the joint velocity limits.
+        seed: of everything random.
+    """
+
+    robot: Any
+    start: Where
+    goal: Where
+    constraints: tuple[dict[str, Any], ...] = ()
+    obstacles: tuple[Body, ...] = ()
+    grasps: tuple[Grasp, ...] = ()
+    chain: ChainFile | None = None
+    planner: Any = "rrtconnect_arm"
+    sampler: Any = "directions"
+    adherence: Any = "projection_arm"
+    time_limit: float = 10.0
+    margin: float = 0.005
+    self_margin: float = 0.0
+    shortcuts: int = 100
+    goals: int = 5
+    spacing: float = 0.02
+    speed: float = 1.0
+    seed: int = 0
+    folder: Path = field(default_factory=Path.cwd)
+
+    def __post_init__(self) -> None:
+        require("time_limit", self.time_limit, above=0, unit=" s")
+        require("margin", self.margin, at_least=0, unit=" m")
+        require("self_margin", self.self_margin, at_least=0, unit=" m")
+        require("shortcuts", self.shortcuts, at_least=0)
+        require("goals", self.goals, at_least=1)
+        require("spacing", self.spacing, above=0)
+        require("speed", self.speed, above=0, at_most=1)
+        require("seed", self.seed, at_least=0)
+        if not self.constraints and self.chain is None:
+            raise ConfigError("a problem needs constraints or a chain: without any there is no manifold")
+
+    def parts(self) -> list[Part]:
+        """Return the constraint entries, made.
+
+        Raises:
+            ConfigError: an entry without a kind, of an unknown kind, or with keys that do not fit it.
+        """
+        made = []
+        for i, entry in enumerate(self.constraints):
+            rest = dict(entry)
+            kind = rest.pop("kind", None)
+            if kind not in PARTS:
+                raise ConfigError(unknown(f"constraints[{i}].kind is", str(kind), PARTS))
+            made.append(convert(rest, PARTS[kind], f"constraints[{i}]"))
+        return made
+
+
+def read_problem(path: Path | str, **changes: Any) -> ProblemFile:
+    """Read a problem file (YAML); keyword arguments replace its entries.
+
+    Raises:
+        ProblemError: the file is missing or no YAML.
+        ConfigError: a misspelt or missing key, or a value of the wrong type or out of bounds.
+    """
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ProblemError(f"problem file {path} cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise ProblemError(f"problem file {path} is no YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, Mapping):
+        raise ProblemError(f"problem file {path} holds a {type(content).__name__}; it must be a mapping")
+    found: ProblemFile = convert({**content, **changes}, ProblemFile)
+    return replace(found, folder=path.resolve().parent)
+
+
+def choice(value: Any, group: str) -> Choice:
+    """Return the choice a name in conf/<group> or its content stands for.
+
+    Raises:
+        ConfigError: no such file (names those there are), or content that is no choice.
+    """
+    if isinstance(value, str):
+        names = sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+        if value not in names:
+            raise ConfigError(unknown(f"{group} is", value, names))
+        value = yaml.safe_load((CONF / group / f"{value}.yaml").read_text())
+    made: Choice = convert(value, Choice, group)
+    return made
+
+
+def _quaternion(R: np.ndarray) -> np.ndarray:
+    import pinocchio as pin
+
+    return np.array(pin.Quaternion(R).coeffs())
+
+
+def _points(path: Path) -> np.ndarray:
+    try:
+        points = (
+            np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
+        )
+    except Exception as error:  # numpy raises half a dozen kinds for files that are no arrays
+        raise ProblemError(f"points {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
+        raise ProblemError(f"points {str(path)!r} have shape {points.shape}; they must be finite numbers (N, 3)")
+    return np.asarray(points, float)
+
+
+def _bounds(name: str, value: Any) -> tuple[float, float]:
+    if value is None:
+        return -np.inf, np.inf
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value), float(value)
+    if isinstance(value, list | tuple) and len(value) == 2:
+        low, high = (convert(v, float, f"region.{name}") for v in value)
+        return low, high
+    raise ConfigError(f"region.{name} is {value!r}; it must be a number, [lower, upper], or left out")

@@ -1,0 +1,141 @@
+"""Plan one problem, shorten the path, verify it, and give it times."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import ConfigError
+from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
+from pipeline.manifolds import Adherence, make_adherence
+from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
+from pipeline.problems.build import Built, build
+from pipeline.problems.file import ProblemFile, choice
+from pipeline.samplers import UniformSampler
+
+_FINER = 5.0  # the verifier's states lie this much closer than planning's collision checks
+_SHORTEST = 1e-6  # [s] between states that stand still
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What came of a problem.
+
+    Attributes:
+        file: the problem.
+        built: what was made of it.
+        plan: the planner's result.
+        verdict: of the verifier, for `path`; None without a path.
+        path: (T, n) on the manifold, `spacing` apart; empty unless verified.
+        times: of its states (T,) [s], within the joint velocity limits.
+        raw_length: before shortcuts [rad or m].
+    """
+
+    file: ProblemFile
+    built: Built
+    plan: PlanResult
+    verdict: Verdict | None
+    path: np.ndarray
+    times: np.ndarray
+    raw_length: float
+
+    @property
+    def solved(self) -> bool:
+        """True when a path was found and verified."""
+        return self.verdict is not None and self.verdict.passed
+
+    @property
+    def status(self) -> str:
+        """`solved`, why the planner stopped, or why the verifier refused the path."""
+        if self.verdict is None:
+            return self.plan.status.value
+        return "solved" if self.verdict.failure is None else f"refused: {self.verdict.message}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return the result as plain data."""
+        verdict = self.verdict
+        clearance = min((self.built.exact.clearance(q) for q in self.path), default=np.inf)
+        return {
+            "status": self.status,
+            "planning_time_s": self.plan.planning_time,
+            "length": path_length(self.path),
+            "length_before_shortcuts": self.raw_length,
+            "duration_s": float(self.times[-1]) if len(self.times) else 0.0,
+            "states": len(self.path),
+            "largest_violation": verdict.max_violation if verdict is not None else None,
+            "smallest_clearance_m": float(clearance) if np.isfinite(clearance) else None,
+            "states_checked": verdict.states_checked if verdict is not None else 0,
+            "goals": len(self.built.goals),
+            "robot": self.built.robot.name,
+            "joints": list(self.built.robot.joint_names),
+            "constraint": self.built.constraint.name,
+            "rows": list(self.built.constraint.labels),
+            "plan": self.plan.row(),
+        }
+
+
+def solve(file: ProblemFile) -> Solution:
+    """Plan the problem of a file (see `read_problem`).
+
+    Raises:
+        ConfigError, RobotError, ConstraintError, ProblemError: whatever makes it no problem. A path that is not found
+            is a result, not an error.
+    """
+    planner = choice(file.planner, "planner").make(PLANNERS, "planner")
+    sampling = choice(file.sampler, "sampler")
+    if sampling.kind != "uniform":
+        raise ConfigError(f"sampler is {sampling.kind!r}; a problem of one's own is sampled uniformly so far")
+    sampler = UniformSampler(**sampling.parameters)
+    adherence = choice(file.adherence, "adherence")
+    built = build(file)
+    space = make_adherence(adherence, built.constraint, built.validity)
+    problem = Problem(space, built.start, built.goals[0], others=built.goals[1:])
+    plan = planner.plan(problem, sampler, Termination(time_limit=file.time_limit), file.seed)
+    if not plan.solved:
+        return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0)
+    found: Verdict | None = None
+    path = plan.path
+    for candidate in (shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts), plan.path):
+        path = dense(space, candidate, file.spacing)
+        found = check(path, built, space, file.spacing)
+        if found.passed:
+            break
+    assert found is not None
+    if not found.passed:
+        path = np.empty((0, space.dimension))
+    return Solution(file, built, plan, found, path, timestamps(path, built, file.speed), path_length(plan.path))
+
+
+def check(path: np.ndarray, built: Built, space: Adherence, spacing: float) -> Verdict:
+    """Return the verifier's verdict on a path (T, n) from the start to the goal it ends nearest to."""
+    goal = built.goals[int(np.argmin(np.linalg.norm(built.goals - path[-1], axis=1)))]
+    parameters = VerifierParameters(
+        step=space.parameters.resolution / _FINER,
+        leap=max(2.0 * spacing, space.parameters.leap * space.parameters.step),
+    )
+    return verify(path, built.start, goal, built.constraint, built.exact, replace(parameters, clearance=False))
+
+
+def dense(space: Adherence, path: np.ndarray, spacing: float) -> np.ndarray:
+    """Return a path (T, n) with states on the manifold put in, so that neighbours are at most about `spacing` apart."""
+    gaps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    pieces = np.maximum(np.ceil(gaps / spacing).astype(int), 1)
+    segment = np.repeat(np.arange(len(pieces)), pieces)
+    first = np.cumsum(pieces) - pieces
+    share = (np.arange(len(segment)) - first[segment]) / pieces[segment]
+    between = share > 0
+    points = path[segment] + share[:, None] * (path[segment + 1] - path[segment])
+    points[between] = space.constraint.project_batch(points[between])[0]
+    inside = np.clip(points, space.lower, space.upper)
+    # A way along a limit bends a hair beyond it; a state that clipping would take off the manifold is left out.
+    kept = ~between | ((space.constraint.value_batch(inside) ** 2).sum(axis=1) < space.constraint.tolerance**2)
+    return np.concatenate([inside[kept], path[-1:]])
+
+
+def timestamps(path: np.ndarray, built: Built, speed: float) -> np.ndarray:
+    """Return times (T,) [s] at which no joint is faster than `speed` times its limit; joints without one count as 1."""
+    if not len(path):
+        return np.empty(0)
+    limits = built.robot.velocity if built.robot.velocity is not None else np.ones(path.shape[1])
+    steps = (np.abs(np.diff(path, axis=0)) / (speed * limits)).max(axis=1, initial=0.0)
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _SHORTEST))])

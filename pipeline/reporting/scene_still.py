@@ -1,0 +1,124 @@
+"""A picture of a robot's path among obstacles, from the side and from above."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from pipeline.reporting.renderer import plain_wanted, render
+from pipeline.reporting.style import new_figure, save, style
+from pipeline.robots import Obstacle, Robot
+from pipeline.robots.surfaces import triangles
+
+_START, _GOAL, _BETWEEN, _OBSTACLE, _PATH = "#0072B2", "#D55E00", "#BBBBBB", "#8A8F98", "#009E73"  # Okabe and Ito
+_BETWEENS = 4  # configurations drawn pale between start and goal
+_PIXELS = (900, 800)
+_VIEWS: tuple[dict[str, Any], ...] = (
+    {"name": "from the side", "direction": (0.55, -0.7, 0.45), "up": (0, 0, 1)},
+    {"name": "from above", "direction": (0, 0, 1), "up": (1, 0, 0)},
+)
+
+_Mesh = tuple[np.ndarray, np.ndarray, str, float]  # vertices, faces, colour, opacity
+
+
+def draw_path(robot: Robot, obstacles: tuple[Obstacle, ...], path: np.ndarray, file: Path, title: str = "") -> str:
+    """Draw start, goal and what is between, the tool's way and the obstacles; return 'VTK' or 'matplotlib'.
+
+    Args:
+        robot: with the bodies to draw.
+        obstacles: of the scene.
+        path: configurations (T, n), T >= 1.
+        file: the PNG to write.
+        title: over the picture.
+    """
+    still, meshes = _static(robot, path[0]), []
+    for share in np.linspace(0, 1, _BETWEENS + 2)[1:-1]:
+        meshes += _moving(robot, path[round(share * (len(path) - 1))], _BETWEEN, 0.25)
+    meshes += _moving(robot, path[0], _START, 1.0) + _moving(robot, path[-1], _GOAL, 1.0)
+    placed = [_placed(o.geometry(), pin.SE3(o.rotation, np.array(o.position)), _OBSTACLE, 1.0) for o in obstacles]
+    way = np.array([robot.pose(q, robot.tool).translation for q in path])
+    everything = [*still, *placed, *meshes]
+    low, high = _extent([*still, *meshes], way)
+    arrays = {"meta": np.array(json.dumps(_meta(everything, low, high)))}
+    for k, (vertices, faces, _, _) in enumerate(everything):
+        arrays[f"vertices/{k}"], arrays[f"faces/{k}"] = vertices, faces
+    arrays |= {"line/0": way, "ball/0": way[0], "ball/1": way[-1]}
+    command = (sys.executable, "-P", str(Path(__file__).with_name("scene_vtk.py")))
+    images = None if plain_wanted() else render(command, arrays, len(_VIEWS))
+    with style():
+        figure = new_figure(10, 5.2)
+        figure.suptitle(title, fontsize=10)
+        for k, view in enumerate(_VIEWS):
+            axes: Any = figure.add_subplot(1, 2, k + 1, **({} if images is not None else {"projection": "3d"}))
+            axes.set_title(view["name"], fontsize=9)
+            axes.set_axis_off()
+            if images is not None:
+                axes.imshow(images[k])
+            else:
+                _flat(axes, everything, way, view, low, high)
+        looks = {"start": _START, "goal": _GOAL, "between": _BETWEEN, "obstacles": _OBSTACLE, "tool's way": _PATH}
+        handles = [Patch(color=color, label=name) for name, color in looks.items()]
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+        save(figure, file)
+    return "matplotlib" if images is None else "VTK"
+
+
+def _meta(meshes: list[_Mesh], low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+    return {
+        "meshes": [{"color": color, "opacity": opacity} for *_, color, opacity in meshes],
+        "lines": [{"color": _PATH, "radius": 0.006}],
+        "balls": [{"color": color, "radius": 0.015} for color in (_START, _GOAL)],
+        "views": _VIEWS,
+        "size": _PIXELS,
+        "centre": ((low + high) / 2).tolist(),
+        "half": float(0.55 * np.linalg.norm(high - low)),
+    }
+
+
+def _placed(geometry: Any, pose: pin.SE3, color: str, opacity: float) -> _Mesh:
+    vertices, faces = triangles(geometry)
+    return vertices @ pose.rotation.T + pose.translation, faces, color, opacity
+
+
+def _bodies(robot: Robot, q: np.ndarray, moving: bool, color: str, opacity: float) -> list[_Mesh]:
+    data, placed = robot.model.createData(), robot.geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.geometry, placed, np.asarray(q, float))
+    return [
+        _placed(body.geometry, pose, color, opacity)
+        for body, pose in zip(robot.geometry.geometryObjects, placed.oMg, strict=True)
+        if bool(body.parentJoint) == moving
+    ]
+
+
+def _moving(robot: Robot, q: np.ndarray, color: str, opacity: float) -> list[_Mesh]:
+    return _bodies(robot, q, True, color, opacity)
+
+
+def _static(robot: Robot, q: np.ndarray) -> list[_Mesh]:
+    return _bodies(robot, q, False, "#DDDDDD", 1.0)
+
+
+def _extent(meshes: list[_Mesh], way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    points = np.concatenate([*(vertices for vertices, *_ in meshes), way])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _flat(
+    axes: Any, meshes: list[_Mesh], way: np.ndarray, view: dict[str, Any], low: np.ndarray, high: np.ndarray
+) -> None:
+    for vertices, faces, color, opacity in meshes:
+        if len(faces):
+            axes.add_collection3d(
+                Poly3DCollection(vertices[faces], facecolor=color, alpha=0.5 * opacity, edgecolor="none")
+            )
+    axes.plot(*way.T, color=_PATH, linewidth=2)
+    x, y, z = view["direction"]
+    axes.view_init(elev=np.degrees(np.arctan2(z, np.hypot(x, y))), azim=np.degrees(np.arctan2(y, x)) if x or y else 180)
+    middle, half = (low + high) / 2, (high - low).max() / 2
+    axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, half], zlim=middle[2] + [-half, half])
+    axes.set_box_aspect((1, 1, 1))

@@ -1,0 +1,169 @@
+"""Every example is solved, and what is written holds by pinocchio, coal and the file itself."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pinocchio as pin
+import pytest
+
+from pipeline.planners import path_length
+from pipeline.problems import Solution, read_problem, solve
+from pipeline.problems.output import write_solution
+from pipeline.recording import read_recording
+from tests.robots.test_arms_validity import plain
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.yaml"))
+
+
+@cache
+def solution(path: Path) -> Solution:
+    """The solution of an example, planned once per process; more time than a loaded machine needs."""
+    return solve(read_problem(path, time_limit=60.0))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_solved_and_free(path):
+    """The path leads from start to a goal, in small steps, within limits, and no state collides by plain coal."""
+    found = solution(path)
+    assert found.status == "solved"
+    Q, robot = found.path, found.built.robot
+    np.testing.assert_array_equal(Q[0], found.built.start)
+    assert np.linalg.norm(found.built.goals - Q[-1], axis=1).min() < 1e-9
+    assert np.linalg.norm(np.diff(Q, axis=0), axis=1).max() < 2 * found.file.spacing
+    assert (robot.lower <= Q).all() and (robot.upper >= Q).all()
+    touching = found.built.exact.touching
+    for q in Q[:: max(len(Q) // 40, 1)]:
+        assert plain(robot, found.built.obstacles, q, touching=touching)
+        assert all(condition.holds(q) for condition in found.built.exact.conditions)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_times_keep_velocity_limits(path):
+    """Between two states no joint is faster than its limit, and at each moment one is at its limit."""
+    found = solution(path)
+    assert found.times[0] == 0 and (np.diff(found.times) > 0).all()
+    share = np.abs(np.diff(found.path, axis=0)) / np.diff(found.times)[:, None] / found.built.robot.velocity
+    assert share.max() <= 1 + 1e-9
+    assert np.median(share.max(axis=1)) > 0.99
+    slow = solve(replace(found.file, speed=0.5))
+    assert slow.times[-1] == pytest.approx(2 * found.times[-1], rel=1e-4)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_shortcuts_never_lengthen(path):
+    """The path is at most as long as the planner's."""
+    found = solution(path)
+    assert path_length(found.path) <= found.raw_length * (1 + 1e-3)
+    assert path_length(found.plan.path) == pytest.approx(found.raw_length)
+
+
+def axis_angle(robot, q, frame, axis, direction) -> float:
+    return float(np.arccos(np.clip(robot.pose(q, frame).rotation @ axis @ direction, -1, 1)))
+
+
+def states(name: str):
+    found = solution(next(p for p in EXAMPLES if p.stem == name))
+    return found.built.robot, found.path, found
+
+
+def test_cup_stays_level():
+    """By pinocchio the hand's z axis points down to a milliradian along all of the path, and the cup moves with it."""
+    robot, Q, _ = states("upright_panda")
+    assert max(axis_angle(robot, q, "panda_hand_tcp", [0, 0, 1], [0, 0, -1]) for q in Q) < 1e-3
+
+
+def test_door_swings_about_its_hinge():
+    """By pinocchio the hand keeps its distance from the hinge and its height while the door opens by 0.8 rad."""
+    robot, Q, _ = states("door_panda")
+    hand = np.array([robot.pose(q, "panda_hand_tcp").translation for q in Q])
+    radius = np.linalg.norm(hand[:, :2] - [0.75, 0.35], axis=1)
+    np.testing.assert_allclose(radius, np.hypot(0.06, 0.4), atol=2e-3)
+    np.testing.assert_allclose(hand[:, 2], 0.45, atol=2e-3)
+    assert Q[0, 7] == pytest.approx(0, abs=1e-3) and Q[-1, 7] == pytest.approx(-0.8, abs=1e-3)
+
+
+def test_tray_keeps_its_hands():
+    """By pinocchio the relative pose of Baxter's hands and the tilt of the left one stay as at the start."""
+    robot, Q, _ = states("tray_baxter")
+    relative = [robot.pose(q, "left_gripper").actInv(robot.pose(q, "right_gripper")) for q in Q]
+    assert max(np.linalg.norm(pin.log6(relative[0].actInv(T)).vector) for T in relative) < 3e-3
+    wanted = robot.pose(Q[0], "left_gripper").rotation[:, 2]
+    assert max(axis_angle(robot, q, "left_gripper", [0, 0, 1], wanted) for q in Q) < 2e-3
+
+
+def test_line_is_straight():
+    """By pinocchio Sawyer's hand is on the line through its start along y."""
+    robot, Q, _ = states("line_sawyer")
+    hand = np.array([robot.pose(q, "right_hand").translation for q in Q])
+    assert np.abs(hand[:, [0, 2]] - hand[0, [0, 2]]).max() < 2e-3
+    assert hand[-1, 1] - hand[0, 1] < -0.4
+
+
+def test_palm_keeps_height_and_direction():
+    """By pinocchio Olivia's palm is 1 m high and not turned."""
+    robot, Q, _ = states("height_olivia")
+    for q in Q:
+        T = robot.pose(q, "right_palm")
+        assert abs(T.translation[2] - 1.0) < 1e-3 and np.linalg.norm(pin.log3(T.rotation)) < 2e-3
+
+
+def test_feet_stand_and_mass_is_over_them():
+    """By pinocchio Pholus' feet do not move and its centre of mass stays 2 cm inside their outline's bounding box."""
+    robot, Q, _ = states("balance_pholus")
+    data = robot.model.createData()
+    feet = np.array([[robot.pose(q, f"contact_{i}").translation for i in range(1, 5)] for q in Q])
+    assert np.linalg.norm(feet - feet[0], axis=2).max() < 2e-3
+    low, high = feet[0, :, :2].min(axis=0) + 0.02, feet[0, :, :2].max(axis=0) - 0.02
+    for q in Q:
+        com = pin.centerOfMass(robot.model, data, q)[:2]
+        assert (com > low).all() and (com < high).all()
+
+
+def test_what_is_written(tmp_path):
+    """Path, summary and recording come back as the solution; a second writing gives the same bytes and replaces it."""
+    _, Q, found = states("door_panda")
+    folder = tmp_path / "out"
+    write_solution(found, folder)
+    frame = pd.read_csv(folder / "path.csv")
+    assert list(frame.columns) == ["time_s", *found.built.robot.joint_names]
+    np.testing.assert_allclose(frame.to_numpy(), np.column_stack([found.times, Q]), atol=1e-10)
+    result = json.loads((folder / "result.json").read_text())
+    assert result["status"] == "solved" and result["length"] == pytest.approx(path_length(Q))
+    assert result["largest_violation"] < 1e-3 and result["smallest_clearance_m"] > 0
+    stored = read_recording(folder / "recording.mcap")
+    np.testing.assert_allclose(stored.states, Q, atol=1e-12)
+    before = {
+        name: (folder / name).read_bytes() for name in ("path.csv", "recording.mcap", "picture.png", "layout.json")
+    }
+    write_solution(found, folder)
+    assert before == {name: (folder / name).read_bytes() for name in before}
+
+
+def test_same_seed_same_path():
+    """The same file and seed give the same path to the bit; another seed gives another."""
+    path = next(p for p in EXAMPLES if p.stem == "upright_panda")
+    again, other = solve(read_problem(path, time_limit=60.0)), solve(read_problem(path, time_limit=60.0, seed=1))
+    np.testing.assert_array_equal(again.path, solution(path).path)
+    assert other.solved and (other.path.shape != again.path.shape or not np.array_equal(other.path, again.path))
+
+
+@pytest.mark.parametrize("planner", ["rrtconnect_arm", "fmt"])
+@pytest.mark.parametrize("adherence", ["projection_arm", "atlas_arm", "tangent_bundle_arm"])
+def test_two_planners_on_any_adherence(planner, adherence):
+    """The cup is carried by RRTConnect and FMT* with every adherence method; FMT* with samples of the manifold."""
+    path = next(p for p in EXAMPLES if p.stem == "upright_panda")
+    sampler = "uniform" if planner == "fmt" else "directions"
+    found = solve(read_problem(path, planner=planner, adherence=adherence, sampler=sampler, time_limit=60.0))
+    assert found.solved
+
+
+def test_no_path_is_a_result(tmp_path):
+    """A problem that is not solved in its time has that as its status, and only the summary is written."""
+    found = solve(read_problem(EXAMPLES[0], time_limit=1e-6))
+    assert found.status == "time limit" and not found.solved and found.path.shape[0] == 0
+    write_solution(found, tmp_path / "out")
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["result.json"]
