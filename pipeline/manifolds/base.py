@@ -93,6 +93,8 @@ class AdherenceParameters:
         resolution: spacing of collision checks [rad or m]. Between two states of a walk they are on the chord, which
             on a unit sphere is 0.0003 from it for a step of 0.05; along a found path they are on the manifold.
         lookahead: steps computed per call of the edge function; costs memory and, past a stop, wasted steps.
+        refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
+            finer one lets walks check coarsely, as most of them never become part of a path.
     """
 
     step: float = 0.05
@@ -102,12 +104,15 @@ class AdherenceParameters:
     newton_steps: int = 5
     resolution: float = 0.01
     lookahead: int = 8
+    refinement: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("step", "leap", "wander", "resolution"):
             require(f"adherence.{name}", getattr(self, name), above=0)
         for name in ("max_steps", "newton_steps", "lookahead"):
             require(f"adherence.{name}", getattr(self, name), at_least=1)
+        if self.refinement is not None:
+            require("adherence.refinement", self.refinement, above=0)
         if self.resolution > self.step:
             raise ConfigError(f"adherence.resolution is {self.resolution}; it must be at most step = {self.step}")
 
@@ -268,18 +273,19 @@ class Adherence(ABC):
         return Compiled(single.map(_EDGES))
 
     def refine(self, states: np.ndarray) -> Refined:
-        """Walk along `states` (T, n) at `resolution`: project, check bounds and collisions in between.
+        """Walk along `states` (T, n) of walks at `refinement`: project, check bounds and collisions in between.
 
-        Rejects also a segment whose in-between points are farther apart on the manifold than a leap, which is how a
-        jump between two sheets of a manifold shows.
+        States that the projection leaves as they are were checked by walks. Rejects also a segment whose in-between points
+        are farther apart on the manifold than a leap, which is how a jump between two sheets of a manifold shows.
         """
-        parameters = self.parameters
+        parameters, given = self.parameters, states
+        spacing = parameters.refinement or parameters.resolution
         self.counters.projections += len(states)
         states, converged = self.constraint.project_batch(states)
         if not converged.all():
             return Refined(states, max(int(np.argmin(converged)) - 1, 0))
         gaps = np.linalg.norm(np.diff(states, axis=0), axis=1)
-        pieces = np.maximum(np.ceil(gaps / parameters.resolution).astype(int), 1)
+        pieces = np.maximum(np.ceil(gaps / spacing).astype(int), 1)
         segment = np.repeat(np.arange(len(gaps)), pieces)  # the segment of each point, its end state included
         last = np.cumsum(pieces)
         share = (np.arange(len(segment)) - (last - pieces)[segment] + 1) / pieces[segment]
@@ -287,10 +293,12 @@ class Adherence(ABC):
         self.counters.projections += len(points)
         points, converged = self.constraint.project_batch(points)
         leaps = np.linalg.norm(np.diff(points, axis=0, prepend=states[:1]), axis=1)
-        sound = converged & (leaps <= parameters.leap * parameters.resolution)
+        sound = converged & (leaps <= parameters.leap * spacing)
         sound &= ((points >= self.lower) & (points <= self.upper)).all(axis=1)
-        for i, good, point in zip(segment.tolist(), sound.tolist(), points, strict=True):
-            if not good or not self.validity.free(point):
+        known = np.zeros(len(points), bool)
+        known[last - 1] = (states[1:] == given[1:]).all(axis=1)
+        for i, good, done, point in zip(segment.tolist(), sound.tolist(), known.tolist(), points, strict=True):
+            if not good or not (done or self.validity.free(point)):
                 return Refined(states, i)
         return Refined(states, None)
 

@@ -19,10 +19,12 @@ class RrtConnect(Planner):
         range: longest extension towards a sample [rad or m]. Limiting it is what holds the tail of the planning times:
             an unlimited extension throws the tree across the manifold. Connections are not limited.
         node_states: every so many states of a walk become a node of the tree.
+        direct: begin with one walk from the start to the goal, which many problems of everyday need no more than.
     """
 
     range: float = 0.5
     node_states: int = 4
+    direct: bool = False
 
     def __post_init__(self) -> None:
         require("planner.range", self.range, above=0)
@@ -37,6 +39,11 @@ class RrtConnect(Planner):
         for other in [] if problem.others is None else problem.others:
             trees[1].add_root(other)
         current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
+        if self.direct:
+            node, _, reached = self._grow(space, trees[0], problem.goal, None, True)
+            path = self._join(space, trees, (node, 0)) if reached and node is not None else None
+            if path is not None:
+                return PlanStatus.SOLVED, path
         a, b = 0, 1
         while True:
             status = clock.tick()

@@ -124,7 +124,7 @@ class _Finder:
         for joint in values:
             if joint not in names:
                 raise ProblemError(unknown(f"{name} names a joint that {self.robot.name!r} lacks:", joint, names))
-        return with_values(self.robot, [(names.index(joint), value) for joint, value in values.items()])
+        return with_values([(names.index(joint), value) for joint, value in values.items()])
 
 
 def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarray:

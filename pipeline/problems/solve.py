@@ -1,19 +1,21 @@
 """Plan one problem, shorten the path, verify it, and give it times."""
 
+import time
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ConfigError
 from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
-from pipeline.samplers import UniformSampler
+from pipeline.samplers.uniform import UniformParameters, UniformSampler
 
 _FINER = 5.0  # the verifier's states lie this much closer than planning's collision checks
+_ATTEMPTS = 4  # searches, each looking twice as closely along the path it finds, until the verifier passes one
+_LEAST = 1e-3  # [s] given to a search when the time is over: it ends by itself
 _SHORTEST = 1e-6  # [s] between states that stand still
 
 
@@ -29,6 +31,7 @@ class Solution:
         path: (T, n) on the manifold, `spacing` apart; empty unless verified.
         times: of its states (T,) [s], within the joint velocity limits.
         raw_length: before shortcuts [rad or m].
+        seconds: all of it: searches, shortcuts and checks [s].
     """
 
     file: ProblemFile
@@ -38,6 +41,7 @@ class Solution:
     path: np.ndarray
     times: np.ndarray
     raw_length: float
+    seconds: float
 
     @property
     def solved(self) -> bool:
@@ -58,6 +62,7 @@ class Solution:
         return {
             "status": self.status,
             "planning_time_s": self.plan.planning_time,
+            "total_time_s": self.seconds,
             "length": path_length(self.path),
             "length_before_shortcuts": self.raw_length,
             "duration_s": float(self.times[-1]) if len(self.times) else 0.0,
@@ -77,33 +82,38 @@ class Solution:
 def solve(file: ProblemFile) -> Solution:
     """Plan the problem of a file (see `read_problem`).
 
+    A path that the verifier refuses is searched for again, checked more closely, while there is time.
+
     Raises:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever makes it no problem. A path that is not found
             is a result, not an error.
     """
     planner = choice(file.planner, "planner").make(PLANNERS, "planner")
-    sampling = choice(file.sampler, "sampler")
-    if sampling.kind != "uniform":
-        raise ConfigError(f"sampler is {sampling.kind!r}; a problem of one's own is sampled uniformly so far")
-    sampler = UniformSampler(**sampling.parameters)
+    sampling = choice(file.sampler, "sampler").make({"uniform": UniformParameters}, "sampler")
+    sampler = UniformSampler(sampling.batch, sampling.block, sampling.directions)
     adherence = choice(file.adherence, "adherence")
     built = build(file)
-    space = make_adherence(adherence, built.constraint, built.validity)
-    problem = Problem(space, built.start, built.goals[0], others=built.goals[1:])
-    plan = planner.plan(problem, sampler, Termination(time_limit=file.time_limit), file.seed)
-    if not plan.solved:
-        return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0)
-    found: Verdict | None = None
-    path = plan.path
-    for candidate in (shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts), plan.path):
-        path = dense(space, candidate, file.spacing)
-        found = check(path, built, space, file.spacing)
-        if found.passed:
+    begin, spacing = time.perf_counter(), adherence.parameters.get("refinement") or adherence.parameters["resolution"]
+    for attempt in range(_ATTEMPTS):
+        finer = {**adherence.parameters, "refinement": spacing / 2**attempt}
+        space = make_adherence(replace(adherence, parameters=finer), built.constraint, built.validity)
+        left = Termination(time_limit=max(file.time_limit - (time.perf_counter() - begin), _LEAST))
+        problem = Problem(space, built.start, built.goals[0], others=built.goals[1:])
+        plan = planner.plan(problem, sampler, left, file.seed)
+        if not plan.solved:
+            return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, time.perf_counter() - begin)
+        shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts)
+        for candidate in (shorter, plan.path):
+            path = dense(space, candidate, file.spacing)
+            verdict = check(path, built, space, file.spacing)
+            if verdict.passed:
+                break
+        if verdict.passed or time.perf_counter() - begin > file.time_limit:
             break
-    assert found is not None
-    if not found.passed:
+    if not verdict.passed:
         path = np.empty((0, space.dimension))
-    return Solution(file, built, plan, found, path, timestamps(path, built, file.speed), path_length(plan.path))
+    times, seconds = timestamps(path, built, file.speed), time.perf_counter() - begin
+    return Solution(file, built, plan, verdict, path, times, path_length(plan.path), seconds)
 
 
 def check(path: np.ndarray, built: Built, space: Adherence, spacing: float) -> Verdict:

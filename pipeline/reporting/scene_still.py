@@ -16,6 +16,7 @@ from pipeline.robots import Obstacle, Robot
 from pipeline.robots.surfaces import triangles
 
 _START, _GOAL, _BETWEEN, _OBSTACLE, _PATH = "#0072B2", "#D55E00", "#BBBBBB", "#8A8F98", "#009E73"  # Okabe and Ito
+_OBSTACLES = ("#8A8F98", "#A3A8B0", "#73777F", "#B9BDC4")  # in turns: seen from above, equal greys would merge
 _BETWEENS = 4  # configurations drawn pale between start and goal
 _PIXELS = (900, 800)
 _VIEWS: tuple[dict[str, Any], ...] = (
@@ -40,7 +41,10 @@ def draw_path(robot: Robot, obstacles: tuple[Obstacle, ...], path: np.ndarray, f
     for share in np.linspace(0, 1, _BETWEENS + 2)[1:-1]:
         meshes += _moving(robot, path[round(share * (len(path) - 1))], _BETWEEN, 0.25)
     meshes += _moving(robot, path[0], _START, 1.0) + _moving(robot, path[-1], _GOAL, 1.0)
-    placed = [_placed(o.geometry(), pin.SE3(o.rotation, np.array(o.position)), _OBSTACLE, 1.0) for o in obstacles]
+    placed = [
+        _placed(o.geometry(), pin.SE3(o.rotation, np.array(o.position)), _OBSTACLES[k % len(_OBSTACLES)], 1.0)
+        for k, o in enumerate(obstacles)
+    ]
     way = np.array([robot.pose(q, robot.tool).translation for q in path])
     everything = [*still, *placed, *meshes]
     low, high = _extent([*still, *meshes], way)

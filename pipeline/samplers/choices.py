@@ -10,17 +10,8 @@ from pipeline.errors import ConfigError
 from pipeline.learning import CompnetxNetwork
 from pipeline.samplers.base import Sampler
 from pipeline.samplers.compnetx import CompnetxSampler
-from pipeline.samplers.uniform import UniformSampler
+from pipeline.samplers.uniform import UniformParameters, UniformSampler
 from pipeline.schema import Choice
-
-
-@dataclass(frozen=True)
-class UniformParameters:
-    """See `UniformSampler`."""
-
-    batch: int = 64
-    block: int = 32
-    directions: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,21 @@
 """Classical sampling: whatever the adherence method does to cover the manifold (IMACS, Kingston et al. 2019)."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pipeline.errors import require
 from pipeline.manifolds import Adherence
 from pipeline.samplers.base import Sampler
+
+
+@dataclass(frozen=True)
+class UniformParameters:
+    """See `UniformSampler`."""
+
+    batch: int = 64
+    block: int = 32
+    directions: bool = False
 
 
 class UniformSampler(Sampler):

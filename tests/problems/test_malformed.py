@@ -1,0 +1,232 @@
+"""Malformed problem files end in one clear error each, before anything is planned or written."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.errors import ConfigError, ConstraintError, PipelineError, ProblemError, RobotError
+from pipeline.problems import read_problem, solve
+
+ROOT = Path(__file__).parents[2]
+GOOD = yaml.safe_load((ROOT / "examples" / "upright_panda.yaml").read_text())
+START = {"pose": {"xyz": [0.55, -0.35, 0.27], "rpy": [np.pi, 0.0, 0.0]}}
+
+
+def changed(**changes):
+    """The good problem with entries replaced, or removed where None."""
+    return {k: v for k, v in {**GOOD, **changes}.items() if v is not None}
+
+
+BOX = {"name": "b", "shape": "box", "size": [0.1, 0.1, 0.1], "xyz": [5.0, 0.0, 0.0]}
+CASES = {
+    "no robot": (changed(robot=None), ConfigError, "lacks robot"),
+    "robot unknown": (changed(robot="pandas"), ConfigError, "'pandas' .did you mean 'panda'"),
+    "robot of another kind": (changed(robot={"kind": "mjcf"}), ConfigError, "robot is 'mjcf'; choices: urdf"),
+    "robot without joints": (
+        changed(robot={"kind": "urdf", "parameters": {"urdf": "a", "tool": "t", "name": "n"}}),
+        ConfigError,
+        "lacks joints",
+    ),
+    "robot file missing": (
+        changed(robot={"kind": "urdf", "parameters": {"urdf": "no.urdf", "joints": ["a"], "tool": "t", "name": "n"}}),
+        RobotError,
+        "no file 'no.urdf'",
+    ),
+    "misspelt key": (changed(constrains=[]), ConfigError, "'constrains' .*did you mean 'constraints'"),
+    "no start": (changed(start=None), ConfigError, "lacks start"),
+    "start empty": (changed(start={}), ConfigError, "this one has none"),
+    "start twice": (changed(start={**START, "joints": {}}), ConfigError, "this one has joints, pose"),
+    "start short": (
+        changed(start={"configuration": [0.0] * 6}),
+        ProblemError,
+        "start has 6 joint values; 'panda' has 7",
+    ),
+    "start NaN": (changed(start={"configuration": [float("nan")] * 7}), ProblemError, "must be finite"),
+    "start joint unknown": (
+        changed(start={"joints": {"panda_joint9": 0.0}}),
+        ProblemError,
+        "'panda_joint9'.*did you mean",
+    ),
+    "start outside limits": (
+        changed(start={"joints": {"panda_joint1": 4.0}, "project": False}),
+        ProblemError,
+        "start: joint panda_joint1 is 4, outside its limits",
+    ),
+    "start off the manifold": (
+        changed(start={"joints": {"panda_joint6": 2.5}}),
+        ProblemError,
+        "off the manifold 'upright",
+    ),
+    "start in collision": (
+        changed(obstacles=[{**BOX, "size": [0.3, 0.3, 0.3], "xyz": [0.55, -0.35, 0.4]}], grasps=[]),
+        ProblemError,
+        "start: .* none is valid; the first is in collision: .* with b",
+    ),
+    "goal out of reach": (
+        changed(goal={"pose": {"xyz": [2, 0, 0.3], "rpy": [np.pi, 0, 0]}}),
+        ProblemError,
+        "goal: inverse kin",
+    ),
+    "goal against the constraint": (
+        changed(goal={"pose": {"xyz": [0.5, 0.3, 0.4]}}),
+        ProblemError,
+        "goal: inverse kinematics",
+    ),
+    "goal value unknown": (changed(goal={"values": {"door": 1.0}}), ProblemError, "goal names a joint .* 'door'"),
+    "pose of two numbers": (changed(goal={"pose": {"xyz": [1.0, 2.0]}}), ConfigError, "three finite numbers"),
+    "frame unknown": (changed(goal={**START, "frame": "hand"}), RobotError, "no frame 'hand'"),
+    "region crossed": (
+        changed(goal={"region": {"x": [1.0, 0.0]}}),
+        ConstraintError,
+        "x of a region has bounds 1.0 and 0.0",
+    ),
+    "region of words": (changed(goal={"region": {"x": "left"}}), ConfigError, "region.x is 'left'"),
+    "no constraint": (changed(constraints=None), ConfigError, "needs constraints or a chain"),
+    "constraint without kind": (
+        changed(constraints=[{"frame": "panda_hand"}]),
+        ConfigError,
+        r"constraints\[0\].kind is 'None'",
+    ),
+    "constraint unknown": (changed(constraints=[{"kind": "uprigth"}]), ConfigError, "did you mean 'upright'"),
+    "constraint key": (
+        changed(constraints=[{"kind": "upright", "frames": "x"}]),
+        ConfigError,
+        "'frames'.*did you mean 'frame'",
+    ),
+    "constraint frame": (changed(constraints=[{"kind": "upright", "frame": "x"}]), RobotError, "no frame 'x'"),
+    "constraint zero axis": (
+        changed(constraints=[{"kind": "upright", "axis": [0, 0, 0]}]),
+        ConstraintError,
+        "axis is .* must not be zero",
+    ),
+    "over-constrained": (
+        changed(constraints=[{"kind": "pose", "placement": {}}, {"kind": "height", "value": 1.0}]),
+        ConstraintError,
+        "7 rows on 7 variables",
+    ),
+    "left open without a start": (changed(constraints=[{"kind": "height"}]), ConfigError, "height.value is left open"),
+    "conditions only": (
+        changed(
+            robot="pholus",
+            constraints=[{"kind": "balance", "frames": ["contact_1"] * 3}],
+            start={"joints": {}},
+            grasps=[],
+        ),
+        ConstraintError,
+        "span no polygon",
+    ),
+    "obstacle shape": (changed(obstacles=[{**BOX, "shape": "cone"}]), ConfigError, "shape is 'cone'; choices: box"),
+    "obstacle size": (changed(obstacles=[{**BOX, "size": [0.1, -0.1, 0.1]}]), ProblemError, "1 or 3 numbers above 0"),
+    "obstacle size of words": (changed(obstacles=[{**BOX, "size": "big"}]), ProblemError, "1 or 3 numbers above 0"),
+    "obstacle pose": (changed(obstacles=[{**BOX, "xyz": [0, 0, float("inf")]}]), ConfigError, "three finite numbers"),
+    "mesh without file": (changed(obstacles=[{**BOX, "shape": "mesh"}]), ProblemError, "mesh 'b' has no file"),
+    "mesh missing": (
+        changed(obstacles=[{**BOX, "shape": "mesh", "file": "no.stl"}], grasps=[]),
+        ProblemError,
+        "no mesh",
+    ),
+    "octree missing": (
+        changed(obstacles=[{**BOX, "shape": "octree", "file": "no.csv"}]),
+        ProblemError,
+        "cannot be read",
+    ),
+    "grasp without name": (changed(grasps=[{**BOX, "name": ""}]), RobotError, "name of its own"),
+    "grasp touches nothing": (
+        changed(grasps=[{**BOX, "xyz": [0, 0, 0.1], "touches": ["chair"]}]),
+        ProblemError,
+        "'chair'; there are: .*bottle",
+    ),
+    "grasp frame": (changed(grasps=[{**BOX, "frame": "x"}]), RobotError, "no frame 'x'"),
+    "chain free": (changed(chain={"regions": [{"yaw": [0, 1]}]}), RobotError, "'chain_0_x' has limits"),
+    "planner unknown": (changed(planner="prm"), ConfigError, "planner is 'prm'; there are: .*rrtconnect"),
+    "sampler learned": (changed(sampler="compnetx_batch"), ConfigError, "sampler is 'compnetx'; choices: uniform"),
+    "FMT* on directions": (changed(planner="fmt"), ConfigError, "draws from the manifold"),
+    "adherence of words": (changed(adherence=3), ConfigError, "adherence is 3"),
+    "time limit": (changed(time_limit=0.0), ConfigError, "time_limit is 0.0 s"),
+    "margin": (changed(margin=-0.01), ConfigError, "margin is -0.01 m"),
+    "speed": (changed(speed=2.0), ConfigError, "speed is 2.0; it must be above 0 and at most 1"),
+    "goals": (changed(goals=0), ConfigError, "goals is 0"),
+    "seed": (changed(seed=-1), ConfigError, "seed is -1"),
+    "a list": ([1, 2], ProblemError, "holds a list"),
+    "nothing": (None, ProblemError, "holds a NoneType"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_malformed_problem(case, tmp_path):
+    """Each is refused by its own message, naming the value and the choices or bounds."""
+    content, kind, message = CASES[case]
+    path = tmp_path / "problem.yaml"
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(kind, match=message):
+        solve(read_problem(path))
+
+
+@pytest.mark.parametrize("text", ["a: [", "\x00", "a: &a [*a]\n? [*b]", "- {", "%YAML 9"], ids=range(5))
+def test_no_yaml(text, tmp_path):
+    """What is no YAML is refused as that, or as no problem."""
+    path = tmp_path / "problem.yaml"
+    path.write_text(text)
+    with pytest.raises(PipelineError):
+        read_problem(path)
+
+
+def test_missing_file():
+    """A problem file that does not exist is named."""
+    with pytest.raises(ProblemError, match=r"nowhere\.yaml cannot be read"):
+        read_problem("nowhere.yaml")
+
+
+def test_fuzzed_files(tmp_path):
+    """Files with bytes changed at random are solved or refused, never anything else."""
+    rng, good = np.random.default_rng(0), (ROOT / "examples" / "upright_panda.yaml").read_bytes()
+    path, refused = tmp_path / "problem.yaml", 0
+    for _ in range(150):
+        text = bytearray(good)
+        for _ in range(int(rng.integers(1, 6))):
+            at = int(rng.integers(len(text)))
+            if rng.random() < 0.5:
+                text[at] = int(rng.integers(32, 127))
+            else:
+                del text[at : at + int(rng.integers(1, 9))]
+        path.write_bytes(bytes(text))
+        try:
+            solve(read_problem(path, time_limit=0.2))
+        except PipelineError:
+            refused += 1
+    assert refused > 30
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "stages/plan.py", *arguments], cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
+
+
+def test_command_writes_a_result(tmp_path):
+    """The command of the README solves an example and writes its files; entries can be changed on the command line."""
+    out = tmp_path / "out"
+    done = command("problem=examples/line_sawyer.yaml", f"output={out}", "picture=false", "+changes.seed=3")
+    assert done.returncode == 0, done.stderr
+    assert "status: solved" in done.stdout
+    assert {p.name for p in out.iterdir()} == {"result.json", "path.csv", "recording.mcap", "layout.json"}
+
+
+def test_command_leaves_nothing_half_written(tmp_path):
+    """A problem that is refused ends with one line and status 1, and no output; a folder of others is not replaced."""
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(yaml.safe_dump(changed(robot="pandas")))
+    done = command(f"problem={bad}", f"output={tmp_path / 'out'}")
+    assert done.returncode == 1 and done.stderr.startswith("ConfigError: robot is 'pandas'")
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "out").exists()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    done = command("problem=examples/line_sawyer.yaml", f"output={tmp_path / 'mine'}")
+    assert done.returncode == 1 and "thesis.txt" in done.stderr
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+    done = command()
+    assert done.returncode == 1 and "name a problem and an output" in done.stderr
