@@ -275,7 +275,7 @@ class Adherence(ABC):
     def refine(self, states: np.ndarray) -> Refined:
         """Walk along `states` (T, n) of walks at `refinement`: project, check bounds and collisions in between.
 
-        States that the projection leaves as they are were checked by walks. Rejects also a segment whose in-between points
+        States that the projection leaves as they are were checked by walks. Rejects also a segment whose points in between
         are farther apart on the manifold than a leap, which is how a jump between two sheets of a manifold shows.
         """
         parameters, given = self.parameters, states

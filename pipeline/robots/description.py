@@ -119,7 +119,7 @@ def make_movable(root: ET.Element, joint: str, movable: Movable) -> None:
     Raises:
         RobotError: no such joint, or one that moves already.
     """
-    joints = {str(element.get("name")): element for element in root.iter("joint")}
+    joints = {str(element.get("name")): element for element in root.findall("joint")}
     if joint not in joints:
         raise RobotError(unknown("movable names a joint that does not exist:", joint, joints))
     element = joints[joint]
@@ -171,7 +171,7 @@ def float_base(root: ET.Element, bounds: Mapping[str, Sequence[float]]) -> None:
 
 def bound_continuous(root: ET.Element, bound: float) -> None:
     """Give continuous joints limits of -bound and bound [rad]: configurations are points of R^n here."""
-    for joint in root.iter("joint"):
+    for joint in root.findall("joint"):
         if joint.get("type") != "continuous":
             continue
         joint.set("type", "revolute")
