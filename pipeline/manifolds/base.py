@@ -94,7 +94,8 @@ class AdherenceParameters:
             on a unit sphere is 0.0003 from it for a step of 0.05; along a found path they are on the manifold.
         lookahead: steps computed per call of the edge function; costs memory and, past a stop, wasted steps.
         refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
-            finer one lets walks check coarsely, as most of them never become part of a path.
+            finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
+            is then not checked again.
     """
 
     step: float = 0.05
@@ -273,10 +274,11 @@ class Adherence(ABC):
         return Compiled(single.map(_EDGES))
 
     def refine(self, states: np.ndarray) -> Refined:
-        """Walk along `states` (T, n) of walks at `refinement`: project, check bounds and collisions in between.
+        """Walk along `states` (T, n) at `refinement`: project, check bounds and collisions in between.
 
-        States that the projection leaves as they are were checked by walks. Rejects also a segment whose points in between
-        are farther apart on the manifold than a leap, which is how a jump between two sheets of a manifold shows.
+        With a refinement of its own, states that the projection leaves as they are count as checked, by the walks they
+        come from. Rejects also a segment whose points in between are farther apart on the manifold than a leap, which
+        is how a jump between two sheets of a manifold shows.
         """
         parameters, given = self.parameters, states
         spacing = parameters.refinement or parameters.resolution
@@ -296,7 +298,8 @@ class Adherence(ABC):
         sound = converged & (leaps <= parameters.leap * spacing)
         sound &= ((points >= self.lower) & (points <= self.upper)).all(axis=1)
         known = np.zeros(len(points), bool)
-        known[last - 1] = (states[1:] == given[1:]).all(axis=1)
+        if parameters.refinement is not None:
+            known[last - 1] = (states[1:] == given[1:]).all(axis=1)
         for i, good, done, point in zip(segment.tolist(), sound.tolist(), known.tolist(), points, strict=True):
             if not good or not (done or self.validity.free(point)):
                 return Refined(states, i)

@@ -109,13 +109,22 @@ class OmplPlanner:
 
     Attributes:
         callbacks: of the last plan.
+        stand_ins: a constraint (n, k, tolerance, max_iterations, `value`, `jacobian`) and a checker (`free`) that OMPL
+            gets in the place of the problem's; None for these.
 
     Raises:
         ConfigError: no such planner or space, or a parameter that they do not have.
     """
 
-    def __init__(self, planner: str, space: str, parameters: OmplParameters | None = None) -> None:
+    def __init__(
+        self,
+        planner: str,
+        space: str,
+        parameters: OmplParameters | None = None,
+        stand_ins: tuple[Any, Any] | None = None,
+    ) -> None:
         self.planner, self.space, self.parameters = planner, space, parameters or OmplParameters()
+        self.stand_ins = stand_ins
         self.callbacks = Callbacks()
         if planner not in available_planners():
             raise ConfigError(f"OMPL has no planner {planner!r} for us; it has: {', '.join(available_planners())}")
@@ -167,7 +176,7 @@ class OmplPlanner:
         path, charts = np.empty((0, dimension)), 0
         space = self._space(problem.adherence, calls)
         information = _SPACES[self.space][1](space)
-        information.setStateValidityChecker(_checker(problem.adherence, calls))
+        information.setStateValidityChecker(_checker(problem.adherence, calls, self.stand_ins))
         information.setup()
         # The wrappers own these states: `freeState` on them would free them twice.
         start, goal = space.allocState(), space.allocState()
@@ -205,7 +214,8 @@ class OmplPlanner:
             bounds.setHigh(joint, high)
         ambient.setBounds(bounds)
         overridden = self.parameters.project_override
-        constraint = (_Projecting if overridden else _Ordinary)(adherence.constraint, calls)
+        given = adherence.constraint if self.stand_ins is None else self.stand_ins[0]
+        constraint = (_Projecting if overridden else _Ordinary)(given, calls)
         space, parameters = _SPACES[self.space][0](ambient, constraint), self.parameters
         space.setDelta(parameters.delta)
         space.setLambda(parameters.leap)
@@ -272,10 +282,10 @@ class _Projecting(_Ordinary):
         return bool(found.converged)  # a numpy.bool aborts the interpreter
 
 
-def _checker(adherence: Adherence, calls: Callbacks) -> Callable[[Any], bool]:
+def _checker(adherence: Adherence, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:
     """OMPL checks joint limits nowhere on a walk: they are part of validity here."""
     bounds = tuple(zip(range(adherence.dimension), adherence.lower.tolist(), adherence.upper.tolist(), strict=True))
-    free = adherence.validity.free
+    free = adherence.validity.free if stand_ins is None else stand_ins[1].free
 
     def valid(state: Any) -> bool:
         calls.states += 1

@@ -1,0 +1,126 @@
+"""roboplan (PyPI) on our problems of upright transport; needs `pip install 'constrained-motion-planning[peers]'`.
+
+It reads the same URDF and SRDF as ours, meshes as they are in the files, and has the same obstacles, start, goal and
+tolerance; bodies that no joint moves are not held against obstacles, obstacles not against each other.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.environments.transport import STATIONS, ArmProblem
+from pipeline.errors import ConfigError
+from pipeline.robots import Robot, Shape, UrdfRobot
+from pipeline.robots.description import SHARE, resolve
+
+_GROUP = "planned"
+_NODES = 1_000_000  # as good as no limit: time ends a search
+_COLOR = np.array([0.5, 0.5, 0.5, 1.0])
+
+
+@dataclass(frozen=True)
+class RoboplanParameters:
+    """roboplan's options; defaults are those of 0.7.0, but for RRT-Connect, which it has off.
+
+    Attributes:
+        max_connection_distance: longest motion [rad].
+        step: of collision checks and of projections along a motion [rad].
+    """
+
+    max_connection_distance: float = 3.0
+    step: float = 0.05
+
+
+def load_roboplan() -> tuple[Any, Any]:
+    """Return roboplan's modules core and rrt.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    try:
+        from roboplan import core, rrt
+    except ImportError as error:
+        raise ConfigError(f"roboplan cannot be imported ({error}); pip install 'roboplan==0.7.0'") from None
+    return core, rrt
+
+
+class RoboplanPeer:
+    """Plans problems of one robot.
+
+    Args:
+        settings: of the robot, as in conf/robot.
+        robot: made of them.
+        parameters: roboplan's.
+    """
+
+    def __init__(self, settings: UrdfRobot, robot: Robot, parameters: RoboplanParameters) -> None:
+        self.core, self.rrt = load_roboplan()
+        self.robot, self.parameters = robot, parameters
+        urdf = resolve(settings.urdf, settings.package_dirs)
+        description = self.core.loadUrdfSceneDescription(str(urdf), [str(SHARE), *settings.package_dirs])
+        self.scene = self.core.Scene(robot.name, description)
+        if settings.srdf:
+            self.scene.importSrdf(resolve(settings.srdf, settings.package_dirs).read_text())
+        self.scene.addGroup(_GROUP, list(robot.joint_names))
+        self.whole = np.array(self.scene.getCurrentJointPositions(), float)
+        for joint, value in settings.fixed.items():
+            if joint in self.scene.getJointNames():
+                self.whole[self.scene.getJointPositionIndices([joint])] = value
+        self.planned = self.scene.getJointPositionIndices(list(robot.joint_names))
+        bodies = robot.geometry.geometryObjects
+        self.standing = sorted({robot.model.frames[b.parentFrame].name for b in bodies if not b.parentJoint})
+        self.added: list[str] = []
+
+    def plan(self, problem: ArmProblem, time_limit: float, seed: int) -> tuple[float, np.ndarray | None]:
+        """Return the time of planning [s] and the waypoints (T, n), None without a path."""
+        self._furnish(problem)
+        core, rrt, parameters = self.core, self.rrt, self.parameters
+        level = np.eye(4)
+        z = np.array(STATIONS[self.robot.name].level)
+        level[:3, :3] = np.diag([1.0, 1.0, 1.0]) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+        free = np.array([np.inf, np.inf, np.inf, 0.0, 0.0, np.inf])
+        tolerance = problem.constraint.tolerance
+        constraint = rrt.PoseConstraint(
+            self.scene, _GROUP, self.robot.tool, -free, free, np.asfortranarray(level), "", tolerance, tolerance
+        )
+        options = rrt.RRTOptions(
+            group_name=_GROUP,
+            max_nodes=_NODES,
+            max_connection_distance=parameters.max_connection_distance,
+            collision_check_step_size=parameters.step,
+            max_planning_time=time_limit,
+            rrt_connect=True,
+        )
+        options.constraint_projection.path_step_size = parameters.step
+        start, goal = (core.JointConfiguration(list(self.robot.joint_names), q) for q in (problem.start, problem.goal))
+        begin = time.perf_counter()
+        planner = rrt.RRT(self.scene, options)
+        planner.setRngSeed(seed)
+        try:
+            path = np.array(planner.plan(start, goal, [constraint]).positions)
+        except RuntimeError:  # how it says that there is no path
+            return time.perf_counter() - begin, None
+        return time.perf_counter() - begin, path
+
+    def _furnish(self, problem: ArmProblem) -> None:
+        """Replace the obstacles of the last problem."""
+        core, scene = self.core, self.scene
+        while self.added:
+            scene.removeGeometry(self.added.pop())
+        for obstacle in problem.obstacles:
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = obstacle.rotation, obstacle.position
+            x, y, z = obstacle.size
+            arguments = (obstacle.name, "universe")
+            if obstacle.shape is Shape.BOX:
+                scene.addBoxGeometry(*arguments, core.Box(x, y, z), np.asfortranarray(pose), _COLOR)
+            else:
+                scene.addCylinderGeometry(*arguments, core.Cylinder(x / 2, z), np.asfortranarray(pose), _COLOR)
+            for body in (*self.standing, *self.added):
+                scene.setCollisions(body, obstacle.name, False)
+            self.added.append(obstacle.name)
+        q = self.whole.copy()
+        q[self.planned] = problem.start
+        scene.setJointPositions(q)
