@@ -18,7 +18,7 @@ pipeline_file = $(if $(filter quick,$(PROFILE)),dvc.yaml,profiles/$(PROFILE)/dvc
 export PATH := $(bin):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help venv test bench repro lint format types lock clean ci
+.PHONY: help venv test bench arms repro lint format types lock clean ci
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */  \1\t/' | expand -t 12
@@ -45,6 +45,9 @@ test: venv  ## run the tests
 
 bench: venv  ## measure parts, planning against OMPL and scaling, in 16 minutes on 2 idle cores
 	@$(bin)/python stages/bench.py $(BENCH_ARGS)
+
+arms: venv  ## measure planning for arms against OMPL and, where installed, roboplan (pip install roboplan==0.7.0)
+	@$(bin)/python stages/bench_arms.py $(BENCH_ARGS)
 
 repro: venv  ## run the pipeline: PROFILE=quick (default), standard, paper
 	@[ -f $(pipeline_file) ] || { echo "profile '$(PROFILE)' has no $(pipeline_file); there are:" \

@@ -29,7 +29,7 @@ from pipeline.samplers.choices import Learned, make_sampler
 from pipeline.schema import Choice
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
-STAGES = sorted(path.stem for path in CONF.glob("*.yaml") if path.stem != "bench")  # which has fixed opponents
+STAGES = sorted(path.stem for path in CONF.glob("*.yaml") if not path.stem.startswith("bench"))  # fixed opponents
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "hydra")
 
 

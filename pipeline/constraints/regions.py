@@ -53,10 +53,9 @@ class TaskSpaceRegion:
 
     @property
     def free(self) -> tuple[bool, ...]:
-        """Which dimensions have no bound; for an angle also bounds a full turn apart (6,)."""
-        turn = 2 * np.pi
+        """Which dimensions have no bound at all, or, for an angle, bounds a full turn apart (6,)."""
         return tuple(
-            high - low >= (turn if i >= 3 else np.inf)
+            high - low >= 2 * np.pi if i >= 3 else low == -np.inf and high == np.inf
             for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True))
         )
 

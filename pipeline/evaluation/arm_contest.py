@@ -47,7 +47,7 @@ class ArmContest:
         planner, sampler: ours.
         ompl_delta: step of OMPL's walks, at which it checks collisions [rad].
         ordinary: how many problems OMPL's ordinary route plans: each takes seconds.
-        roboplan: options by label; empty leaves it out.
+        roboplan: options by label; None leaves it out.
         verifier: bounds of the check.
     """
 
@@ -61,7 +61,7 @@ class ArmContest:
     sampler: Choice
     ompl_delta: float
     ordinary: int
-    roboplan: dict[str, RoboplanParameters]
+    roboplan: dict[str, RoboplanParameters] | None
     verifier: VerifierParameters
 
     def __post_init__(self) -> None:
@@ -84,7 +84,7 @@ def arm_trials(contest: ArmContest) -> pd.DataFrame:
         robot: Robot = settings.robot()
         constraint = transport_constraint(robot)
         routes = {**_ours(contest), **_ompl(contest, robot)}
-        for label, parameters in contest.roboplan.items():
+        for label, parameters in (contest.roboplan or {}).items():
             peer = RoboplanPeer(settings, robot, parameters)
             routes[f"{ROBOPLAN}, {label}"] = _roboplan(contest, peer)
         for number in range(contest.problems):

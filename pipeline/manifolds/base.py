@@ -282,8 +282,7 @@ class Adherence(ABC):
         """
         parameters, given = self.parameters, states
         spacing = parameters.refinement or parameters.resolution
-        self.counters.projections += len(states)
-        states, converged = self.constraint.project_batch(states)
+        states, converged = self._brought_back(states)
         if not converged.all():
             return Refined(states, max(int(np.argmin(converged)) - 1, 0))
         gaps = np.linalg.norm(np.diff(states, axis=0), axis=1)
@@ -292,8 +291,7 @@ class Adherence(ABC):
         last = np.cumsum(pieces)
         share = (np.arange(len(segment)) - (last - pieces)[segment] + 1) / pieces[segment]
         points = states[segment] + share[:, None] * (states[segment + 1] - states[segment])
-        self.counters.projections += len(points)
-        points, converged = self.constraint.project_batch(points)
+        points, converged = self._brought_back(points)
         leaps = np.linalg.norm(np.diff(points, axis=0, prepend=states[:1]), axis=1)
         sound = converged & (leaps <= parameters.leap * spacing)
         sound &= ((points >= self.lower) & (points <= self.upper)).all(axis=1)
@@ -304,6 +302,17 @@ class Adherence(ABC):
             if not good or not (done or self.validity.free(point)):
                 return Refined(states, i)
         return Refined(states, None)
+
+    def _brought_back(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project rows of Q (N, n), most of which are within the tolerance already: these cost their value only."""
+        self.counters.projections += len(Q)
+        F = self.constraint.value_batch(Q)
+        off = np.flatnonzero(~(np.einsum("ij,ij->i", F, F) < self.constraint.tolerance**2))
+        converged = np.ones(len(Q), bool)
+        if len(off):
+            Q = Q.copy()
+            Q[off], converged[off] = self.constraint.project_batch(Q[off])
+        return Q, converged
 
     def _ended(self, reached: list[np.ndarray], stop: Stop) -> Traversal:
         return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)

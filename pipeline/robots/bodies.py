@@ -5,6 +5,7 @@ from enum import Enum
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.errors import RobotError
 
@@ -45,7 +46,13 @@ def hull(vertices: np.ndarray, name: str) -> coal.ConvexBase:
     Raises:
         RobotError: the vertices lie in a plane.
     """
-    for points in (vertices, np.unique(np.round(vertices / _GRID) * _GRID, axis=0)):
+    try:  # qhull inside coal ends the process where it fails, inside scipy it raises
+        corners = vertices[ConvexHull(vertices).vertices]
+    except (QhullError, ValueError):
+        raise RobotError(
+            f"the mesh of body {name!r} has no convex hull: its {len(vertices)} vertices are flat"
+        ) from None
+    for points in (corners, np.unique(np.round(corners / _GRID) * _GRID, axis=0)):
         listed = coal.StdVec_Vec3s()
         listed.extend(list(points))
         try:
@@ -89,5 +96,5 @@ def _capsule(
     reach = np.abs(local[:, axis]) - np.sqrt(np.maximum(radius**2 - across**2, 0))
     half = max(float(reach.max()), 0.0)
     volume = np.pi * radius**2 * 2 * half + 4 / 3 * np.pi * radius**3
-    turn = np.roll(np.eye(3), axis - 2, axis=1)  # its third column is the axis
+    turn = np.roll(np.eye(3), 2 - axis, axis=1)  # its third column is the axis
     return volume, coal.Capsule(radius, 2 * half), pin.SE3(rotation @ turn, rotation @ middle)

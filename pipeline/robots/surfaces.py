@@ -25,7 +25,8 @@ def triangles(geometry: coal.CollisionGeometry) -> tuple[np.ndarray, np.ndarray]
     if isinstance(geometry, coal.ConvexBase):
         return _hull(np.array(geometry.points()))
     if isinstance(geometry, coal.BVHModelBase):
-        faces = [list(geometry.tri_indices(i)) for i in range(geometry.num_tris)]
+        corners = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
+        faces = [[corner[0], corner[1], corner[2]] for corner in corners]  # iterating over one runs past its end
         return np.array(geometry.vertices()), np.array(faces).reshape(-1, 3)
     if isinstance(geometry, coal.OcTree):
         return _leaves(np.array(geometry.toBoxes()))
