@@ -9,7 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from pipeline.config import load
-from pipeline.evaluation.arm_contest import ArmContest, arm_trials
+from pipeline.evaluation.arm_contest import ArmContest, arm_trials, tried_trials
 from pipeline.parallel import single_threaded
 from pipeline.reporting.arms_page import arms_page
 from pipeline.reporting.markdown import write
@@ -28,8 +28,8 @@ def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     command = shlex.join(["python", "stages/bench_arms.py", *HydraConfig.get().overrides.task])
     with single_threaded():
-        trials = arm_trials(config.contest)
-    text = arms_page(trials, config.contest, command)
+        trials, tried = arm_trials(config.contest), tried_trials(config.contest)
+    text = arms_page(trials, tried, config.contest, command)
     print(text, end="")
     if config.output:
         write(text, config.output)

@@ -5,7 +5,7 @@ Planned problem by problem, so that drift of the machine hits all alike.
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,15 @@ _DENSE = 0.02  # spacing at which waypoints of peers are joined on the manifold 
 
 
 @dataclass(frozen=True)
+class Variant:
+    """Ours with other parameters, by name, of planner, adherence and sampler; with the first adherence method."""
+
+    planner: dict[str, Any] = field(default_factory=dict)
+    adherence: dict[str, Any] = field(default_factory=dict)
+    sampler: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class ArmContest:
     """What is compared, under which bounds.
 
@@ -49,6 +58,8 @@ class ArmContest:
         ordinary: how many problems OMPL's ordinary route plans: each takes seconds.
         roboplan: options by label; None leaves it out.
         verifier: bounds of the check.
+        tried: variants of ours by label, planned on problems of another seed.
+        tried_seed: that seed, on which settings are chosen.
     """
 
     robots: dict[str, Choice]
@@ -63,14 +74,48 @@ class ArmContest:
     ordinary: int
     roboplan: dict[str, RoboplanParameters] | None
     verifier: VerifierParameters
+    tried: dict[str, Variant]
+    tried_seed: int
 
     def __post_init__(self) -> None:
+        if self.tried_seed == self.seed:
+            raise ConfigError(f"tried_seed is {self.tried_seed}, the seed that is measured: settings need another one")
         require("problems", self.problems, at_least=1)
         require("ordinary", self.ordinary, at_least=0, at_most=self.problems)
         require("time_limit", self.time_limit, above=0, unit=" s")
         unknown = [choice.name for choice in self.robots.values() if choice.name not in STATIONS]
         if unknown or not self.robots:
             raise ConfigError(f"robots without a station for upright transport: {unknown}; there are {list(STATIONS)}")
+
+
+def tried_trials(contest: ArmContest) -> pd.DataFrame:
+    """Plan problems of `tried_seed` by ours and its variants; return a row per trial, as `arm_trials` does."""
+    (name, adherence), *_ = contest.adherences.items()
+    plans = {"as chosen": next(iter(_ours(contest).values()))}
+    for label, variant in contest.tried.items():
+        changed = replace(
+            contest,
+            planner=_with(contest.planner, variant.planner),
+            sampler=_with(contest.sampler, variant.sampler),
+            adherences={name: _with(adherence, variant.adherence)},
+        )
+        (plans[label],) = _ours(changed).values()
+    rows: list[dict[str, Any]] = []
+    for choice in contest.robots.values():
+        robot: Robot = choice.make(ROBOTS, "robot").robot()
+        constraint = transport_constraint(robot)
+        for number in range(contest.problems):
+            problem = transport(robot, constraint, contest.tried_seed, number)
+            exact = Validity(robot, problem.obstacles)
+            for label, plan in plans.items():
+                found = _trial(contest, plan, problem, exact)
+                rows.append({"robot": robot.name, "route": label, "problem": number, **found})
+        log.info("%s: what was tried", robot.name)
+    return pd.DataFrame(rows)
+
+
+def _with(choice: Choice, changes: dict[str, Any]) -> Choice:
+    return replace(choice, parameters={**choice.parameters, **changes})
 
 
 _Plan = Callable[[ArmProblem, int], tuple[float, np.ndarray | None, dict[str, int]]]

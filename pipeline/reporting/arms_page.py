@@ -21,11 +21,18 @@ SCENES = (
 )
 
 
-def arms_page(trials: pd.DataFrame, contest: ArmContest, command: str) -> str:
+TRIED = (
+    "On problems of seed {seed}, of which none is measured above; each row changes one thing of the first, which is "
+    "ours by projection."
+)
+
+
+def arms_page(trials: pd.DataFrame, tried: pd.DataFrame, contest: ArmContest, command: str) -> str:
     """Return the page in Markdown.
 
     Args:
         trials: by `arm_trials`.
+        tried: by `tried_trials`.
         contest: that made them.
         command: that made the page.
     """
@@ -43,6 +50,9 @@ def arms_page(trials: pd.DataFrame, contest: ArmContest, command: str) -> str:
         *(part for robot, rows in arm_table(trials).groupby("robot", sort=False)
           for part in (f"### {escape(str(robot))}", table(rows.drop(columns="robot")))),
         "### Claimed and refused", table(reasons) if len(reasons) else "None.",
+        "### What was tried", TRIED.format(seed=contest.tried_seed),
+        *(part for robot, rows in arm_table(tried).groupby("robot", sort=False)
+          for part in (f"**{escape(str(robot))}**", table(rows.drop(columns="robot")))),
         "## Machine and versions", table(machine),
     ]  # fmt: skip
     return "\n\n".join(blocks) + "\n"
