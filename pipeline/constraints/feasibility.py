@@ -56,7 +56,8 @@ def infeasible(constraint: Constraint, q: np.ndarray) -> str:
 def _least(constraint: Constraint, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray) -> np.ndarray:
     best, least = starts[0], np.inf
     for start in starts:
-        found = least_squares(constraint.value, start, jac=constraint.jacobian, bounds=(lower, upper), xtol=1e-12)
+        apart = np.maximum(upper, lower + 1e-9)  # least_squares takes no equal bounds
+        found = least_squares(constraint.value, start, jac=constraint.jacobian, bounds=(lower, apart), xtol=1e-12)
         if 2 * found.cost < least:
             best, least = found.x, 2 * found.cost
         if least < (constraint.tolerance / 2) ** 2:

@@ -32,7 +32,7 @@ def upright(
         direction: in the world (3,).
         **settings: tolerance and max_iterations of `Constraint`.
     """
-    wanted, held = _unit(direction, "direction"), _unit(axis, "axis")
+    wanted, held = unit(direction, "direction"), unit(axis, "axis")
     q = ca.SX.sym("q", robot.dimension)
     R, _ = robot.symbolic_pose(q, frame)
     rows = [f"tilt of {frame} about {np.round(edge, 3).tolist()} [rad]" for edge in perpendicular(wanted)]
@@ -43,7 +43,7 @@ def plane(
     robot: Robot, frame: str, point: Sequence[float], normal: Sequence[float] = (0, 0, 1), **settings: Any
 ) -> Constraint:
     """Keep the origin of a frame on the plane through `point` [m, world]; horizontal by default: a height (1 row)."""
-    n = _unit(normal, "normal")
+    n = unit(normal, "normal")
     q = ca.SX.sym("q", robot.dimension)
     _, p = robot.symbolic_pose(q, frame)
     rows = [f"distance of {frame} from the plane [m]"]
@@ -57,7 +57,7 @@ def height(robot: Robot, frame: str, value: float, **settings: Any) -> Constrain
 
 def line(robot: Robot, frame: str, point: Sequence[float], direction: Sequence[float], **settings: Any) -> Constraint:
     """Keep the origin of a frame on the line through `point` [m] along `direction`, both in the world (2 rows)."""
-    across = perpendicular(_unit(direction, "direction"))
+    across = perpendicular(unit(direction, "direction"))
     q = ca.SX.sym("q", robot.dimension)
     _, p = robot.symbolic_pose(q, frame)
     rows = [f"offset of {frame} from the line along {np.round(edge, 3).tolist()} [m]" for edge in across]
@@ -123,7 +123,8 @@ def _vector(values: Sequence[float]) -> np.ndarray:
     return vector
 
 
-def _unit(values: Sequence[float], what: str) -> np.ndarray:
+def unit(values: Sequence[float], what: str) -> np.ndarray:
+    """Return a vector (3,) of length 1; `what` names it where it is none."""
     vector = _vector(values)
     size = float(np.linalg.norm(vector))
     if not size > 0:

@@ -204,7 +204,7 @@ def chain(
                 before = before * _step(axis, low)
                 continue
             if axis >= 3 and region.free[axis]:
-                low, high = max(low, -np.pi), min(high, np.pi)
+                low, high = _finite_turn(low, high)
             links.append(VirtualJoint(direction, before, low, high, f"{end}_{AXES[axis]}"))
             before = pin.SE3.Identity()
         before = before * region.offset.se3()
@@ -214,6 +214,15 @@ def chain(
     larger = with_virtual_chain(robot, links)
     constraint = closed_chain(larger, end, frame or robot.tool, pin.SE3.Identity(), **settings)
     return Chain(larger, robot.dimension, constraint, end)
+
+
+def _finite_turn(low: float, high: float) -> tuple[float, float]:
+    """Bounds of a free angle: a whole turn where one or both are missing."""
+    if np.isfinite([low, high]).all():
+        return low, high
+    if np.isfinite(low):
+        return low, low + 2 * np.pi
+    return (high - 2 * np.pi, high) if np.isfinite(high) else (-np.pi, np.pi)
 
 
 def _step(axis: int, value: float) -> pin.SE3:

@@ -1,16 +1,18 @@
 """From a problem file to what planners take: robot, constraint, checker, start and goals."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from pipeline.constraints import Chain, Condition, Constraint, chain, intersection
+from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, intersection
 from pipeline.errors import ConfigError, ProblemError, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.problems.inverse import InverseKinematics, Target, at_pose, in_region, with_values
 from pipeline.robots import ROBOTS, Obstacle, Robot, Validity, attach
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
+_FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
 _APART = 0.1  # goals nearer than this to each other count as one [rad or m]
 
 
@@ -43,7 +45,9 @@ def build(file: ProblemFile) -> Built:
     Raises:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever does not fit; the message names it.
     """
-    robot: Robot = choice(file.robot, "robot").make(ROBOTS, "robot").robot()
+    settings = choice(file.robot, "robot").make(ROBOTS, "robot")
+    beside = {name: _beside(getattr(settings, name), file.folder) for name in ("urdf", "srdf")}
+    robot: Robot = replace(settings, **beside).robot()
     arm, held = robot, None
     if file.chain is not None:
         held = chain(robot, [r.region() for r in file.chain.regions], file.chain.frame, file.chain.name)
@@ -65,6 +69,7 @@ def build(file: ProblemFile) -> Built:
     exact = Validity(robot, obstacles, 0.0, 0.0, touching, conditions)
     finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]))
     start = finder.find(file.start, "start", 1, robot.rest)[0]
+    constraint.frame(start)  # rows that depend on each other are named
     goals = finder.find(file.goal, "goal", file.goals, start)
     order = np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")
     return Built(robot, constraint, obstacles, validity, exact, start, goals[order])
@@ -92,16 +97,23 @@ class _Finder:
             return (self.constraint.project(q).q if where.project else q)[None]
         inverse = InverseKinematics(self.robot, self.constraint, self._target(where, name))
         found: list[np.ndarray] = []
+        on_limit: list[np.ndarray] = []
         reached: list[np.ndarray] = []
         for q in inverse.solutions(self.rng, _TRIES * count, near):
             reached.append(q)
             new = all(np.linalg.norm(q - other) > _APART for other in found)
             if new and self.validity.free(q):
+                n = self.arm.dimension
+                if min((q - self.robot.lower)[:n].min(), (self.robot.upper - q)[:n].min()) < _FROM_LIMITS:
+                    on_limit.append(q)
+                    continue
                 found.append(q)
                 if len(found) == count:
                     break
+        found = found or on_limit[:1]
         tries = _TRIES * count
         if not reached:
+            feasible(self.constraint, self.robot.lower, self.robot.upper, self.rng)  # names the rows that cannot be met
             raise ProblemError(
                 f"{name}: inverse kinematics found no configuration there that is within the joint limits and on "
                 f"the manifold {self.constraint.name!r}, in {tries} tries"
@@ -125,6 +137,11 @@ class _Finder:
             if joint not in names:
                 raise ProblemError(unknown(f"{name} names a joint that {self.robot.name!r} lacks:", joint, names))
         return with_values([(names.index(joint), value) for joint, value in values.items()])
+
+
+def _beside(address: str, folder: Path) -> str:
+    """A relative path in a problem file is beside the file; where there is none, it stays relative to the caller."""
+    return str(folder / address) if address and (folder / address).is_file() else address
 
 
 def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarray:

@@ -216,7 +216,7 @@ class ProblemFile:
         for i, entry in enumerate(self.constraints):
             rest = dict(entry)
             kind = rest.pop("kind", None)
-            if kind not in PARTS:
+            if not isinstance(kind, str) or kind not in PARTS:
                 raise ConfigError(unknown(f"constraints[{i}].kind is", str(kind), PARTS))
             made.append(convert(rest, PARTS[kind], f"constraints[{i}]"))
         return made
@@ -265,14 +265,15 @@ def _quaternion(R: np.ndarray) -> np.ndarray:
 
 def _points(path: Path) -> np.ndarray:
     try:
-        points = (
+        stored = (
             np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
         )
+        points = np.array(stored.tolist(), float)  # refuses words and complex numbers
     except Exception as error:  # numpy raises half a dozen kinds for files that are no arrays
         raise ProblemError(f"points {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
     if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
         raise ProblemError(f"points {str(path)!r} have shape {points.shape}; they must be finite numbers (N, 3)")
-    return np.asarray(points, float)
+    return points
 
 
 def _bounds(name: str, value: Any) -> tuple[float, float]:

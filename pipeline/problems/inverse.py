@@ -75,13 +75,17 @@ class InverseKinematics:
 
     def solve(self, start: np.ndarray) -> np.ndarray | None:
         """Return a configuration (n,) on the manifold, found from `start`; None without convergence."""
-        robot, k, q = self.robot, self.constraint.k, np.array(start, float)
+        robot, k = self.robot, self.constraint.k
+        q = np.clip(start, robot.lower, robot.upper)
         for _ in range(_ITERATIONS):
             F, JT = self._rows(q)
             J = JT.reshape(len(F), -1)
             if np.linalg.norm(F[:k]) < self.constraint.tolerance / 2 and np.linalg.norm(F[k:]) < _TARGET_TOLERANCE:
                 return q
-            step = -J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(len(F)), F)
+            try:
+                step = -J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(len(F)), F)
+            except np.linalg.LinAlgError:
+                return None
             size = float(np.linalg.norm(step))
             q = np.clip(q + step * min(1.0, _LONGEST / max(size, 1e-12)), robot.lower, robot.upper)
         return None

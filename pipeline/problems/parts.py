@@ -19,6 +19,7 @@ from pipeline.constraints import (
     position,
     upright,
 )
+from pipeline.constraints.poses import unit
 from pipeline.errors import ConfigError
 from pipeline.robots import IDENTITY, Placement, Robot
 
@@ -44,7 +45,8 @@ class UprightPart:
         frame = self.frame or robot.tool
         direction = self.direction
         if direction is None:
-            direction = tuple(robot.pose(_start(q, "upright.direction"), frame).rotation @ np.array(self.axis))
+            R = robot.pose(_start(q, "upright.direction"), frame).rotation
+            direction = tuple(R @ unit(self.axis, "axis"))
         return upright(robot, frame, self.axis, direction)
 
 
@@ -189,7 +191,9 @@ PARTS: dict[str, Any] = {
 
 def _start(q: np.ndarray | None, what: str) -> np.ndarray:
     if q is None:
-        raise ConfigError(f"{what} is left open, to be taken from the start: then the start must be a configuration")
+        raise ConfigError(
+            f"{what} is left open, to be taken from the start: then the start must be a `configuration` or `joints`"
+        )
     return q
 
 

@@ -93,13 +93,14 @@ def solve(file: ProblemFile) -> Solution:
     sampler = UniformSampler(sampling.batch, sampling.block, sampling.directions)
     adherence = choice(file.adherence, "adherence")
     built = build(file)
-    begin, spacing = time.perf_counter(), adherence.parameters.get("refinement") or adherence.parameters["resolution"]
+    given = make_adherence(adherence, built.constraint, built.validity).parameters
+    begin, spacing = time.perf_counter(), given.refinement or given.resolution
     for attempt in range(_ATTEMPTS):
         finer = {**adherence.parameters, "refinement": spacing / 2**attempt}
         space = make_adherence(replace(adherence, parameters=finer), built.constraint, built.validity)
         left = Termination(time_limit=max(file.time_limit - (time.perf_counter() - begin), _LEAST))
         problem = Problem(space, built.start, built.goals[0], others=built.goals[1:])
-        plan = planner.plan(problem, sampler, left, file.seed)
+        plan = planner.plan(problem, sampler, left, file.seed + attempt)
         if not plan.solved:
             return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, time.perf_counter() - begin)
         shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts)

@@ -16,6 +16,7 @@ SHARE = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "share"  # whe
 OWN = Path(__file__).parent / "descriptions"  # package://descriptions: the robots written here
 VIRTUAL = ("x", "y", "z", "yaw", "pitch", "roll")  # of a floating base, in this order from the world
 _DIRECTIONS = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")
+_SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {}}
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
@@ -106,6 +107,18 @@ def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element
         for key in ("xyz", "rpy", "size", "radius", "length", "scale"):
             if key in element.attrib:
                 _numbers(element, key, path)
+    for link, element in links.items():
+        for collision in element.findall("collision"):
+            shapes = list(collision.findall("geometry/*"))
+            if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
+                found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
+                raise RobotError(
+                    f"a <collision> of link {link!r} of {path} holds {found}; it must be one of {', '.join(_SHAPES)}"
+                )
+            _check_shape(shapes[0], link, path)
+        for mass in element.findall("inertial/mass"):
+            if _numbers(mass, "value", path)[0] < 0:
+                raise RobotError(f"link {link!r} of {path} has mass {mass.get('value')} kg; it must not be negative")
     for mesh in root.iterfind("./link/collision/geometry/mesh"):
         if "filename" not in mesh.attrib:
             raise RobotError(f"a <mesh> of {path} has no filename")
@@ -127,6 +140,13 @@ def make_movable(root: ET.Element, joint: str, movable: Movable) -> None:
         raise RobotError(f"movable names joint {joint!r}, which is {element.get('type')} already")
     if movable.name != joint and movable.name in joints:
         raise RobotError(f"movable renames joint {joint!r} to {movable.name!r}, which is another joint")
+    if len(movable.axis) != 3 or not any(movable.axis) or not movable.lower < movable.upper:
+        raise RobotError(
+            f"movable {joint!r} needs an axis of three numbers, not all 0, and lower below upper: {movable}"
+        )
+    for tag in ("axis", "limit", "mimic", "safety_controller"):
+        for old in element.findall(tag):
+            element.remove(old)
     element.set("name", movable.name)
     element.set("type", "revolute")
     ET.SubElement(element, "axis", xyz=_text(movable.axis))
@@ -164,6 +184,8 @@ def float_base(root: ET.Element, bounds: Mapping[str, Sequence[float]]) -> None:
         ET.SubElement(joint, "parent", link=before)
         ET.SubElement(joint, "child", link=after)
         ET.SubElement(joint, "axis", xyz=direction)
+        if len(bounds[name]) != 2 or not -math.inf < bounds[name][0] < bounds[name][1] < math.inf:
+            raise RobotError(f"floating.{name} is {list(bounds[name])}; it must be a lower and an upper limit, finite")
         lower, upper = (repr(float(bound)) for bound in bounds[name])
         ET.SubElement(joint, "limit", lower=lower, upper=upper, velocity="1.0", effort="0.0")
         before = after
@@ -233,6 +255,18 @@ def _names(root: ET.Element, tag: str, path: Path) -> dict[str, ET.Element]:
             raise RobotError(f"{path} has two of <{tag} name={name!r}>")
         found[name] = element
     return found
+
+
+def _check_shape(shape: ET.Element, link: str, path: Path) -> None:
+    """Refuse a shape without its sizes: urdfdom leaves such a body out and says so on the console only."""
+    for key, count in _SHAPES[shape.tag].items():
+        if key not in shape.attrib:
+            raise RobotError(f"a <{shape.tag}> of link {link!r} of {path} has no {key}")
+        values = _numbers(shape, key, path)
+        if len(values) != count or min(values) <= 0:
+            raise RobotError(
+                f"a <{shape.tag}> of link {link!r} of {path} has {key}={shape.get(key)!r}; it must be {count} above 0"
+            )
 
 
 def _limits(name: str, joint: ET.Element, path: Path) -> None:

@@ -60,7 +60,9 @@ class Robot:
         """
         if not self.model.existFrame(frame):
             raise RobotError(unknown(f"robot {self.name!r} has no frame", frame, [f.name for f in self.model.frames]))
-        return int(self.model.getFrameId(frame))
+        if self.model.existFrame(frame, pin.FrameType.BODY):  # a joint may have the name of its link
+            return int(self.model.getFrameId(frame, pin.FrameType.BODY))
+        return next(i for i, known in enumerate(self.model.frames) if known.name == frame)
 
     def pose(self, q: np.ndarray, frame: str) -> pin.SE3:
         """Return the pose of `frame` in the world at q (n,). Makes its own data: for use outside of planning.

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import ProblemError
 
+_OCTREE_REACH = 32768  # leaves from the origin; octomap drops points beyond without a word
 COLUMNS = ("shape", "x", "y", "z", "qx", "qy", "qz", "qw", "size_x", "size_y", "size_z")
 
 
@@ -72,6 +73,11 @@ class Obstacle:
             return _mesh(self.file, np.array(self.size))
         if self.points is None or not len(self.points) or not np.isfinite(self.points).all():
             raise ProblemError(f"octree {self.name!r} needs points, and finite ones")
+        if np.abs(self.points).max() >= _OCTREE_REACH * x:
+            raise ProblemError(
+                f"octree {self.name!r} has points {np.abs(self.points).max():.4g} m from its origin; leaves of {x:g} m "
+                f"reach {_OCTREE_REACH * x:.4g} m: place its frame nearer, or take larger leaves"
+            )
         return coal.makeOctree(np.ascontiguousarray(self.points, float), x)
 
     def collision_object(self) -> coal.CollisionObject:

@@ -10,6 +10,7 @@ from pipeline.errors import RobotError
 
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 _DECIMALS = 14  # of fixed poses, as rotation matrices and metres
+_OPPOSITE = 1e-6  # squared sine of an angle 0.001 rad from half a turn
 _SMALL = 1e-24  # under a square root: an angle of 1e-12 rad, so that derivatives exist at 0
 
 
@@ -65,11 +66,12 @@ def joint_pose(robot: str, model: pin.Model, joint: int, value: ca.SX) -> Pose:
 def rotation_vector(R: ca.SX) -> ca.SX:
     """Return axis times angle of a rotation (3, 3) as an expression (3,) [rad]; smooth at the identity.
 
-    At half a turn, where the axis is not unique, it is wrong on a set of measure zero (it is 0 there).
+    Within 0.001 rad of half a turn, where the axis is hardly defined, it is half a turn about x: far from 0.
     """
     sines = ca.vertcat(R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]) / 2
     sine = ca.sqrt(ca.sumsqr(sines) + _SMALL)
-    return sines * (ca.atan2(sine, (ca.trace(R) - 1) / 2) / sine)
+    cosine = (ca.trace(R) - 1) / 2
+    return _unless_opposite(sines, cosine, sines * (ca.atan2(sine, cosine) / sine))
 
 
 def direction_error(direction: ca.SX, wanted: np.ndarray) -> ca.SX:
@@ -80,7 +82,15 @@ def direction_error(direction: ca.SX, wanted: np.ndarray) -> ca.SX:
     basis = perpendicular(wanted)
     sines = ca.SX(ca.DM(basis)) @ direction
     sine = ca.sqrt(ca.sumsqr(sines) + _SMALL)
-    return sines * (ca.atan2(sine, ca.dot(ca.DM(wanted), direction)) / sine)
+    cosine = ca.dot(ca.DM(wanted), direction)
+    return _unless_opposite(sines, cosine, sines * (ca.atan2(sine, cosine) / sine))
+
+
+def _unless_opposite(sines: ca.SX, cosine: ca.SX, value: ca.SX) -> ca.SX:
+    """Return a turn (m,), or half a turn along the first row where the sines are too small to tell its direction."""
+    half = ca.vertcat(np.pi, *([0] * (sines.numel() - 1)))
+    opposite = ca.logic_and(cosine < 0, ca.sumsqr(sines) < _OPPOSITE)
+    return ca.if_else(opposite, half, value)
 
 
 def perpendicular(direction: np.ndarray) -> np.ndarray:

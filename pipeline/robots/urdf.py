@@ -77,6 +77,16 @@ class UrdfRobot:
         semantics = read_srdf(resolve(self.srdf, self.package_dirs)) if self.srdf else Semantics()
         for joint, movable in self.movable.items():
             make_movable(root, joint, movable)
+        links = [str(link.get("name")) for link in root.findall("link")]
+        for pair in self.ignored:
+            if len(pair) != 2:
+                raise RobotError(f"ignored of robot {self.name!r} has {list(pair)}; it must be pairs of links")
+            for link in pair:
+                if link not in links:
+                    raise RobotError(
+                        unknown(f"ignored of robot {self.name!r} names a link that does not exist:", link, links)
+                    )
+        followers = self._followers(root)
         bound_continuous(root, self.continuous)
         if self.floating:
             float_base(root, self.floating)
@@ -87,9 +97,13 @@ class UrdfRobot:
         except Exception as error:  # what pinocchio's and assimp's C++ throw has no common class
             raise RobotError(f"{path} cannot be loaded: {str(error).strip()}") from None
         simplified(geometry, self.geometry)
-        standing = self._standing(model, semantics)
+        standing = self._standing(model, semantics, followers)
         locked = [model.getJointId(name) for name in list(model.names)[1:] if name not in self.joints]
-        model, (geometry,) = pin.buildReducedModel(model, [geometry], locked, _configuration(model, standing))
+        if locked:
+            try:
+                model, (geometry,) = pin.buildReducedModel(model, [geometry], locked, _configuration(model, standing))
+            except ValueError as error:  # pinocchio takes no moving joint with the name of a link there
+                raise RobotError(f"{path}: joints cannot be fixed: {error}; rename the joint or the link") from None
         model.name = self.name
         lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         for name, low, high in zip(list(model.names)[1:], lower, upper, strict=True):
@@ -102,14 +116,32 @@ class UrdfRobot:
             geometry,
             lower,
             upper,
-            velocity=np.array(model.velocityLimit),
+            velocity=np.where(model.velocityLimit > 0, model.velocityLimit, 1.0),  # exporters write 0 for none
             rest=np.array([standing[name] for name in list(model.names)[1:]]),
             tool=self.tool,
         )
         robot.frame_id(self.tool)
         return robot
 
-    def _standing(self, model: pin.Model, semantics: Semantics) -> dict[str, float]:
+    def _followers(self, root: ET.Element) -> dict[str, tuple[str, float, float]]:
+        """Return joints that mimic others: the other's name, multiplier and offset."""
+        found = {}
+        for joint in root.findall("joint"):
+            mimic = joint.find("mimic")
+            if mimic is None:
+                continue
+            name, leader = str(joint.get("name")), str(mimic.get("joint"))
+            if name in self.joints or leader in self.joints:
+                raise RobotError(
+                    f"joint {name!r} mimics {leader!r}: neither can be in the planning group of {self.name!r}, whose "
+                    "joints move by themselves"
+                )
+            found[name] = leader, float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+        return found
+
+    def _standing(
+        self, model: pin.Model, semantics: Semantics, followers: Mapping[str, tuple[str, float, float]]
+    ) -> dict[str, float]:
         """Return where every joint with one degree of freedom stands at rest [rad or m]."""
         names = list(model.names)[1:]
         for what, asked in (("joints", self.joints), ("rest", self.rest), ("fixed", self.fixed)):
@@ -136,6 +168,9 @@ class UrdfRobot:
         if self.state and self.state not in states:
             raise RobotError(unknown(f"the SRDF of robot {self.name!r} has no state", self.state, states))
         given = {**states.get(self.state, {}), **self.fixed, **self.rest}
+        for name, (leader, multiplier, offset) in followers.items():
+            if name not in given and leader in given:
+                given[name] = multiplier * given[leader] + offset
         standing = {}
         for name in names:
             joint = model.joints[model.getJointId(name)]

@@ -237,3 +237,16 @@ def test_malformed_is_refused(case):
     make, kind, message = MALFORMED[case]
     with pytest.raises(kind, match=message):
         make(named("panda"))
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_exactly_half_a_turn_is_not_met(axis):
+    """What is turned by exactly half a turn, as round angles make it, is pi away: a pose, and a cup upside down."""
+    robot = named("panda")
+    q = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])  # the hand points straight down
+    turned = robot.pose(q, robot.tool) * pin.SE3(pin.utils.rotate(axis, np.pi), np.zeros(3))
+    constraint = pose(robot, robot.tool, turned)
+    assert constraint.distance(q) == pytest.approx(np.pi, abs=1e-6) and np.isfinite(constraint.jacobian(q)).all()
+    cup = upright(robot, robot.tool)
+    assert cup.distance(q) == pytest.approx(np.pi, abs=1e-6) and np.isfinite(cup.jacobian(q)).all()
+    assert upright(robot, robot.tool, direction=(0, 0, -1)).satisfied(q)

@@ -203,3 +203,20 @@ def test_malformed_is_refused(case):
     make, kind, message = MALFORMED[case]
     with pytest.raises(kind, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    "bounds, limits",
+    [
+        ((0.0, 2 * np.pi), (0.0, 2 * np.pi)),
+        ((np.pi, 3 * np.pi), (np.pi, 3 * np.pi)),
+        ((0.0, INF), (0.0, 2 * np.pi)),
+        ((-INF, 1.0), (1.0 - 2 * np.pi, 1.0)),
+        ((-INF, INF), (-np.pi, np.pi)),
+    ],
+)
+def test_free_angles_keep_their_range(bounds, limits):
+    """A chain's angle with bounds a turn apart keeps them as joint limits; missing ones make it a whole turn."""
+    low, high = bounds
+    held = chain(named("panda"), [TaskSpaceRegion((0, 0, 0, 0, 0, low), (0, 0, 0, 0, 0, high))])
+    assert (held.robot.lower[7], held.robot.upper[7]) == pytest.approx(limits)

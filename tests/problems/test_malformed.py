@@ -85,6 +85,30 @@ CASES = {
         "x of a region has bounds 1.0 and 0.0",
     ),
     "region of words": (changed(goal={"region": {"x": "left"}}), ConfigError, "region.x is 'left'"),
+    "height out of reach": (
+        changed(constraints=[{"kind": "height", "value": 5.0}], goal={"region": {"x": [0.3, 0.4]}}),
+        ConstraintError,
+        r"panda_hand_tcp from the plane \[m\] by -",
+    ),
+    "rows that depend": (
+        changed(
+            constraints=[{"kind": "height", "value": 0.3}, {"kind": "plane", "point": [0, 0, 0.3]}],
+            start={"region": {"x": [0.4, 0.5], "y": 0.0}},
+        ),
+        ConstraintError,
+        "rank 1 of 2",
+    ),
+    "kind of a list": (changed(constraints=[{"kind": ["upright"]}]), ConfigError, "kind is"),
+    "axis of two": (
+        changed(constraints=[{"kind": "upright", "axis": [0, 1], "direction": None}], start={"joints": {}}),
+        ConstraintError,
+        "three finite numbers",
+    ),
+    "adherence of nothing": (
+        changed(adherence={"kind": "projection", "parameters": {"resolution": "x"}}),
+        ConfigError,
+        "resolution",
+    ),
     "no constraint": (changed(constraints=None), ConfigError, "needs constraints or a chain"),
     "constraint without kind": (
         changed(constraints=[{"frame": "panda_hand"}]),
@@ -145,7 +169,7 @@ CASES = {
     "planner unknown": (changed(planner="prm"), ConfigError, "planner is 'prm'; there are: .*rrtconnect"),
     "sampler learned": (changed(sampler="compnetx_batch"), ConfigError, "sampler is 'compnetx'; choices: uniform"),
     "FMT* on directions": (changed(planner="fmt"), ConfigError, "draws from the manifold"),
-    "adherence of words": (changed(adherence=3), ConfigError, "adherence is 3"),
+    "adherence of a number": (changed(adherence=3), ConfigError, "adherence is 3"),
     "time limit": (changed(time_limit=0.0), ConfigError, "time_limit is 0.0 s"),
     "margin": (changed(margin=-0.01), ConfigError, "margin is -0.01 m"),
     "speed": (changed(speed=2.0), ConfigError, "speed is 2.0; it must be above 0 and at most 1"),

@@ -259,6 +259,15 @@ BAD_FILES = {
         TINY.replace('<sphere radius="0.1"/>', '<mesh filename="package://p/no.stl"/>'),
         "no file 'package://p/no.stl'",
     ),
+    "capsule": (TINY.replace('<sphere radius="0.1"/>', '<capsule radius="0.1" length="1"/>'), "holds <capsule>"),
+    "no shape": (TINY.replace('<sphere radius="0.1"/>', ""), "link 'b' .* holds nothing"),
+    "box of two": (TINY.replace('size="0.1 0.1 0.1"', 'size="0.1 0.1"'), "size='0.1 0.1'; it must be 3 above 0"),
+    "negative radius": (TINY.replace('radius="0.1"', 'radius="-0.1"'), "radius='-0.1'"),
+    "sphere without radius": (TINY.replace('radius="0.1"', ""), "a <sphere> of link 'b' .* has no radius"),
+    "mass no number": (
+        TINY.replace('<link name="d"/>', '<link name="d"><inertial><mass value="m"/></inertial></link>'),
+        "value='m'",
+    ),
     "mesh without file": (TINY.replace('<sphere radius="0.1"/>', "<mesh/>"), "has no filename"),
 }
 
@@ -295,6 +304,13 @@ BAD_SETTINGS = {
     "floating bounds": ({"floating": {"x": (0.0, 1.0)}}, "needs x, y, z, yaw, pitch, roll"),
     "movable unknown": ({"movable": {"no": Movable("m", (0, 0, 1), -1, 1)}}, "'no'; there are: one, two, end"),
     "movable moves": ({"movable": {"one": Movable("m", (0, 0, 1), -1, 1)}}, "revolute already"),
+    "movable axis": ({"movable": {"end": Movable("m", (0, 0, 0), -1, 1)}}, "needs an axis"),
+    "floating bound": (
+        {"floating": dict.fromkeys(("x", "y", "z", "yaw", "pitch", "roll"), (1.0,))},
+        "floating.x is .1.0.",
+    ),
+    "ignored link": ({"ignored": (("b", "cc"),)}, "ignored .* 'cc' .did you mean 'c'"),
+    "ignored triple": ({"ignored": (("b", "c", "d"),)}, "pairs of links"),
     "movable renamed": ({"movable": {"end": Movable("one", (0, 0, 1), -1, 1)}}, "another joint"),
 }
 
@@ -341,3 +357,39 @@ def test_geometry_kinds_nest(kind):
     hit = [not meshes.free(q) for q in Q]
     assert 5 < sum(hit) < 295
     assert all(not other.free(q) for q, collides in zip(Q, hit, strict=True) if collides)
+
+
+def test_a_link_may_have_its_joints_name(tmp_path):
+    """A frame name that is a link's and a joint's means the link; where pinocchio cannot cope the name is given."""
+    text = TINY.replace('"c"', '"two"')
+    robot = tiny(tmp_path, text, tool="two").robot()
+    assert robot.pose(np.zeros(2), "two").translation == pytest.approx([1, 0, 0])
+    with pytest.raises(RobotError, match=r'name="two".*rename the joint or the link'):
+        tiny(tmp_path, text, joints=("two",), tool="two").robot()
+
+
+SLIDER = """<link name="e"/><joint name="three" type="prismatic"><parent link="d"/><child link="e"/><axis xyz="1 0 0"/>
+  <limit lower="0" upper="1" velocity="0" effort="0"/></joint></robot>"""
+
+
+def test_mimicking_joints(tmp_path):
+    """A joint that mimics another stands where that one puts it; in or beside the group it is refused."""
+    two = '<joint name="two" type="continuous">'
+    text = TINY.replace(two, two + '<mimic joint="one" multiplier="2" offset="0.1"/>')
+    slider = text.replace("</robot>", SLIDER)
+    robot = tiny(tmp_path, slider, joints=("three",), fixed={"one": 0.4}).robot()
+    pose = robot.pose(np.zeros(1), "c")
+    assert pose.rotation == pytest.approx(pin.utils.rotate("z", 0.4) @ pin.utils.rotate("y", 0.9))
+    assert robot.velocity.tolist() == [1.0]  # a limit of 0 is none
+    with pytest.raises(RobotError, match="'two' mimics 'one'"):
+        tiny(tmp_path, text, joints=("one",)).robot()
+
+
+def test_movable_replaces_axis_and_limits(tmp_path):
+    """An axis and limits that the fixed joint has in the file give way to those of `movable`."""
+    end = '<joint name="end" type="fixed">'
+    text = TINY.replace(end, end + '<axis xyz="1 0 0"/><limit lower="-0.1" upper="0.1" velocity="1" effort="0"/>')
+    movable = {"end": Movable("three", (0, 0, 1), -2.0, 2.0)}
+    robot = tiny(tmp_path, text, joints=("one", "two", "three"), movable=movable).robot()
+    assert robot.upper[2] == 2.0
+    assert robot.pose(np.array([0, 0, 0.5]), "d").rotation == pytest.approx(pin.utils.rotate("z", 0.5))
