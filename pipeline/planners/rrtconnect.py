@@ -20,7 +20,7 @@ class RrtConnect(Planner):
             an unlimited extension throws the tree across the manifold. Connections are not limited.
         node_states: every so many states of a walk become a node of the tree.
         balanced: grow the smaller tree towards the sample, instead of one after the other: a tree in a narrow place
-            then does not fall behind (Baxter among boxes: mean time halved, p95 a third).
+            then does not fall behind (reports/arms.md, "What was tried").
         direct: begin with one walk from the start to the goal, which many problems of everyday need no more than.
     """
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import yaml
 
 from pipeline.constraints import TaskSpaceRegion
@@ -52,7 +53,7 @@ class Body:
         if self.shape in (Shape.MESH, Shape.OCTREE) and not self.file:
             raise ProblemError(f"{self.shape.value} {self.name!r} has no file")
         pose = Placement(self.xyz, self.rpy).se3()
-        x, y, z, w = (float(part) for part in _quaternion(pose.rotation))
+        x, y, z, w = (float(part) for part in pin.Quaternion(pose.rotation).coeffs())
         file = str(folder / self.file) if self.file else ""
         points = _points(Path(file)) if self.shape is Shape.OCTREE else None
         return Obstacle(
@@ -238,6 +239,8 @@ def read_problem(path: Path | str, **changes: Any) -> ProblemFile:
         raise ProblemError(f"problem file {path} is no YAML: {' '.join(str(error).split())}") from None
     if not isinstance(content, Mapping):
         raise ProblemError(f"problem file {path} holds a {type(content).__name__}; it must be a mapping")
+    if "folder" in content:
+        raise ConfigError("unknown key 'folder' in the problem: it is where the file is")
     found: ProblemFile = convert({**content, **changes}, ProblemFile)
     return replace(found, folder=path.resolve().parent)
 
@@ -255,12 +258,6 @@ def choice(value: Any, group: str) -> Choice:
         value = yaml.safe_load((CONF / group / f"{value}.yaml").read_text())
     made: Choice = convert(value, Choice, group)
     return made
-
-
-def _quaternion(R: np.ndarray) -> np.ndarray:
-    import pinocchio as pin
-
-    return np.array(pin.Quaternion(R).coeffs())
 
 
 def _points(path: Path) -> np.ndarray:

@@ -11,12 +11,12 @@ from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
+from pipeline.recording.content import SHORTEST_STEP
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
 
-_FINER = 5.0  # the verifier's states lie this much closer than planning's collision checks
+_FINER = 5.0  # the verifier's states lie this much closer than those planning checks along the path it finds
 _ATTEMPTS = 4  # searches, each looking twice as closely along the path it finds, until the verifier passes one
 _LEAST = 1e-3  # [s] given to a search when the time is over: it ends by itself
-_SHORTEST = 1e-6  # [s] between states that stand still
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def solve(file: ProblemFile) -> Solution:
         shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts)
         for candidate in (shorter, plan.path):
             path = dense(space, candidate, file.spacing)
-            verdict = check(path, built, space, file.spacing)
+            verdict = check(path, built, space, file.spacing, spacing / _FINER)
             if verdict.passed:
                 break
         if verdict.passed or time.perf_counter() - begin > file.time_limit:
@@ -117,14 +117,11 @@ def solve(file: ProblemFile) -> Solution:
     return Solution(file, built, plan, verdict, path, times, path_length(plan.path), seconds)
 
 
-def check(path: np.ndarray, built: Built, space: Adherence, spacing: float) -> Verdict:
-    """Return the verifier's verdict on a path (T, n) from the start to the goal it ends nearest to."""
+def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step: float) -> Verdict:
+    """Return the verifier's verdict, at a step, on a path (T, n) from the start to the goal it ends nearest to."""
     goal = built.goals[int(np.argmin(np.linalg.norm(built.goals - path[-1], axis=1)))]
-    parameters = VerifierParameters(
-        step=space.parameters.resolution / _FINER,
-        leap=max(2.0 * spacing, space.parameters.leap * space.parameters.step),
-    )
-    return verify(path, built.start, goal, built.constraint, built.exact, replace(parameters, clearance=False))
+    leap = max(2.0 * spacing, space.parameters.leap * space.parameters.step)
+    return verify(path, built.start, goal, built.constraint, built.exact, VerifierParameters(step=step, leap=leap))
 
 
 def dense(space: Adherence, path: np.ndarray, spacing: float) -> np.ndarray:
@@ -149,4 +146,4 @@ def timestamps(path: np.ndarray, built: Built, speed: float) -> np.ndarray:
         return np.empty(0)
     limits = built.robot.velocity if built.robot.velocity is not None else np.ones(path.shape[1])
     steps = (np.abs(np.diff(path, axis=0)) / (speed * limits)).max(axis=1, initial=0.0)
-    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _SHORTEST))])
+    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, SHORTEST_STEP))])

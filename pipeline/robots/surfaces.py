@@ -2,6 +2,7 @@
 
 import coal
 import numpy as np
+from scipy.spatial import ConvexHull
 
 _AROUND = 24  # corners of a circle
 
@@ -34,8 +35,6 @@ def triangles(geometry: coal.CollisionGeometry) -> tuple[np.ndarray, np.ndarray]
 
 
 def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    from scipy.spatial import ConvexHull  # loading it costs a tenth of a second, which planning need not pay
-
     hull = ConvexHull(points)
     faces = hull.simplices.copy()
     a, b, c = (points[faces[:, i]] for i in range(3))

@@ -13,6 +13,7 @@ import pytest
 from pipeline.planners import path_length
 from pipeline.problems import Solution, read_problem, solve
 from pipeline.problems.output import write_solution
+from pipeline.problems.parts import PARTS
 from pipeline.recording import read_recording
 from tests.robots.test_arms_validity import plain
 
@@ -167,3 +168,17 @@ def test_no_path_is_a_result(tmp_path):
     assert found.status == "time limit" and not found.solved and found.path.shape[0] == 0
     write_solution(found, tmp_path / "out")
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["result.json"]
+
+
+def test_every_kind_of_constraint_has_an_example():
+    """The examples together use every kind of constraint a file can ask for, and a chain."""
+    files = [read_problem(path) for path in EXAMPLES]
+    assert {entry["kind"] for file in files for entry in file.constraints} == set(PARTS)
+    assert any(file.chain for file in files)
+
+
+def test_verifier_looks_five_times_as_closely():
+    """Between the states of a path the verifier checks one every fifth of the spacing planning looked at."""
+    found = solution(EXAMPLES[-1])
+    length = np.linalg.norm(np.diff(found.path, axis=0), axis=1).sum()
+    assert found.verdict.states_checked >= length / (0.025 / 5)

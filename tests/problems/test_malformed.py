@@ -37,6 +37,7 @@ CASES = {
         "no file 'no.urdf'",
     ),
     "misspelt key": (changed(constrains=[]), ConfigError, "'constrains' .*did you mean 'constraints'"),
+    "folder": (changed(folder="/"), ConfigError, "unknown key 'folder'"),
     "no start": (changed(start=None), ConfigError, "lacks start"),
     "start empty": (changed(start={}), ConfigError, "this one has none"),
     "start twice": (changed(start={**START, "joints": {}}), ConfigError, "this one has joints, pose"),

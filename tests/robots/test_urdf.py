@@ -9,10 +9,12 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from pipeline.errors import ConfigError, RobotError
-from pipeline.robots import Geometry, Movable, UrdfRobot, Validity
-from tests.robots.named import ROBOT_NAMES, configurations, named
+from pipeline.robots import ROBOTS, Geometry, Movable, UrdfRobot, Validity
+from pipeline.schema import Choice
+from tests.robots.named import FOLDER, ROBOT_NAMES, configurations, named
 
 SHARE = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
 DIMENSIONS = {"baxter_right": 7, "baxter_both": 14, "panda": 7, "sawyer": 7, "olivia": 17, "pholus": 41}
@@ -344,12 +346,6 @@ def test_bad_srdf_is_refused(tmp_path):
 @pytest.mark.parametrize("kind", Geometry)
 def test_geometry_kinds_nest(kind):
     """Whatever Panda's meshes become, what collides as a mesh collides as its hull or primitive too."""
-    import yaml
-
-    from pipeline.robots import ROBOTS
-    from pipeline.schema import Choice
-    from tests.robots.named import FOLDER
-
     settings = Choice(**yaml.safe_load((FOLDER / "panda.yaml").read_text())).make(ROBOTS, "robot")
     meshes, other = (Validity(replace(settings, geometry=g).robot(), []) for g in (Geometry.MESHES, kind))
     rng = np.random.default_rng(7)
