@@ -1,8 +1,6 @@
 """Validity of a configuration: joint limits, conditions, self-collision and collision with the obstacles of a scene.
 
-Up to a few dozen obstacles stand beside the robot in pinocchio's broad-phase manager: one call from Python runs the
-kinematics, moves the bounding boxes and tries the pairs whose boxes overlap. Its plain list of objects is faster than
-its tree for robots of a few dozen bodies (9 against 22 us for Baxter among 15 boxes), and verdicts are the same.
+Up to a few dozen obstacles stand in a plain list beside the robot (`BroadPhase`), which is faster than a tree for them.
 
 A crowd of obstacles sits in a coal tree of its own, which is built once. One query of tree against tree costs a
 logarithm of their number (1.6 us from Python against 500 blocks), where a list costs a multiple of it.
@@ -16,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import ProblemError, unknown
+from pipeline.robots.broadphase import BroadPhase
 from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
 
@@ -101,7 +100,7 @@ class Validity:
                 return False
         if self._crowd is not None and self._strikes(q):
             return False
-        return not (self._pairs is not None and pin.computeCollisions(self._model, self._data, self._pairs, q, True))
+        return self._pairs is None or not self._pairs.collides(q)
 
     def valid(self, q: np.ndarray) -> bool:
         """True when q (n,) is within the limits and free."""
@@ -158,10 +157,10 @@ class Validity:
             nearest = min(nearest, coal.distance(body, placed, request, coal.DistanceResult()))
         return float(nearest)
 
-    def _list(self, obstacles: Sequence[Obstacle]) -> pin.BroadPhaseManager_NaiveCollisionManager | None:
-        """Return the manager of self-collision pairs and of these obstacles; None when there is no pair."""
+    def _list(self, obstacles: Sequence[Obstacle]) -> BroadPhase | None:
+        """Return the pairs of the robot with itself and with these obstacles; None when there is no pair."""
         geometry = self.robot.geometry.copy()
-        own = len(geometry.collisionPairs)
+        margins = [self.margin if self.self_margin is None else self.self_margin] * len(geometry.collisionPairs)
         moving = [i for i, body in enumerate(geometry.geometryObjects) if body.parentJoint]
         for number, obstacle in enumerate(obstacles):
             placement = pin.SE3(obstacle.rotation, np.array(obstacle.position))
@@ -170,14 +169,8 @@ class Validity:
             for i in moving:
                 if (geometry.geometryObjects[i].name, obstacle.name) not in self.touching:
                     geometry.addCollisionPair(pin.CollisionPair(i, added))
-        if not len(geometry.collisionPairs):
-            return None
-        data = geometry.createData()
-        for number, request in enumerate(data.collisionRequests):
-            within = number < own and self.self_margin is not None
-            request.security_margin = self.self_margin if within else self.margin
-        self._kept = geometry, data  # the manager refers to them
-        return pin.BroadPhaseManager_NaiveCollisionManager(self._model, geometry, data)
+                    margins.append(self.margin)
+        return BroadPhase(self._model, geometry, margins) if margins else None
 
     def _tree(self, obstacles: Sequence[Obstacle]) -> coal.DynamicAABBTreeCollisionManager:
         """Return the tree of these obstacles, and prepare that of the bodies that move."""

@@ -1,0 +1,81 @@
+"""The robot's moving bodies against each other and against what stands, by pinocchio's broad phase and coal.
+
+pinocchio's own call updates every body and obstacle at every configuration and tries all with all. What stands need not
+be moved: the bodies that joints move have a manager of their own, everything else one that is filled once. Pairs that
+are switched off, margins and verdicts are pinocchio's (`reports/performance.md` has both times).
+"""
+
+from collections.abc import Sequence
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+_place = pin.updateGeometryPlacements
+
+
+class BroadPhase:
+    """Asks the collision pairs of a geometry model in which at least one body moves.
+
+    Args:
+        model: kinematics.
+        geometry: bodies, those that stand included, and the pairs to ask.
+        margins: least distance of each pair (P,) [m].
+    """
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, margins: Sequence[float]) -> None:
+        bodies = geometry.geometryObjects
+        order = sorted(range(len(bodies)), key=lambda i: not bodies[i].parentJoint)  # those that move first
+        place = {body: i for i, body in enumerate(order)}
+        moving = sum(1 for body in bodies if body.parentJoint)
+        asked = [
+            (*sorted((place[pair.first], place[pair.second])), margin)
+            for pair, margin in zip(geometry.collisionPairs, margins, strict=True)
+        ]
+        asked.sort(key=lambda pair: pair[1] >= moving)  # pairs that both models have come first, with the same numbers
+        self._model, self._data = model, model.createData()
+        self._all, self._mobile = pin.GeometryModel(), pin.GeometryModel()
+        for i, body in enumerate(order):
+            self._all.addGeometryObject(bodies[body])
+            if i < moving:
+                self._mobile.addGeometryObject(bodies[body])
+        for first, second, _ in asked:
+            self._all.addCollisionPair(pin.CollisionPair(first, second))
+            if second < moving:
+                self._mobile.addCollisionPair(pin.CollisionPair(first, second))
+        self._placed = self._all.createData()
+        for request, (_, _, margin) in zip(self._placed.collisionRequests, asked, strict=True):
+            request.security_margin = margin
+        pin.updateGeometryPlacements(model, self._data, self._all, self._placed, pin.neutral(model))
+        # Both managers take placements and requests from the same data: what moves has the same numbers in both models.
+        self._standing = pin.BroadPhaseManager_NaiveCollisionManager(model, self._all, self._placed)
+        self._manager = pin.BroadPhaseManager_NaiveCollisionManager(model, self._mobile, self._placed)
+        for manager in (self._standing, self._manager):
+            manager.update(True)
+        self._objects = self._standing.getManager().getObjects()
+        self._others = coal.NaiveCollisionManager()
+        reach = max((margin for _, second, margin in asked if second >= moving), default=0.0)
+        for i in range(moving, len(order)):
+            self._objects[i].getAABB().expand(reach)  # a box must meet what its shape keeps a margin from
+            self._others.registerObject(self._objects[i])
+        # Bound once: looking them up costs a tenth of a query.
+        self._update, self._collide = self._manager.update, self._manager.getManager().collide
+        self._callback = pin.CollisionCallBackDefault(self._all, self._placed, True)
+        self._stuck = any(first >= moving and self._touch(pair) for pair, (first, _, _) in enumerate(asked))
+
+    def collides(self, q: np.ndarray) -> bool:
+        """True when a pair is nearer than its margin at q (n,)."""
+        if self._stuck:
+            return True
+        _place(self._model, self._data, self._all, self._placed, q)
+        self._update(False)
+        callback = self._callback
+        self._collide(self._others, callback)  # forgets what it met before
+        if callback.collision:
+            return True
+        self._collide(callback)
+        return bool(callback.collision)
+
+    def _touch(self, pair: int) -> bool:
+        """Tell whether a pair of bodies that both stand is nearer than its margin."""
+        return bool(pin.computeCollision(self._all, self._placed, pair))
