@@ -6,6 +6,10 @@ PROFILE ?= quick
 PYTEST_ARGS ?=
 # Overrides of conf/bench.yaml, as in `make bench BENCH_ARGS="output=reports/performance.md"`.
 BENCH_ARGS ?=
+# Overrides of conf/bench_arms.yaml, as in `make arms ARMS_ARGS="output=reports/arms.md"`.
+ARMS_ARGS ?=
+# Overrides of conf/soak.yaml, as in `make soak SOAK_ARGS="output=reports/soak.md"`.
+SOAK_ARGS ?=
 # The first command that is Python 3.11; another one: `make venv PYTHON=/path/to/python3.11`.
 PYTHON ?= $(shell for name in python3.11 python3 python; do $(call is_python,$$name) && { echo $$name; break; }; done)
 
@@ -18,7 +22,7 @@ pipeline_file = $(if $(filter quick,$(PROFILE)),dvc.yaml,profiles/$(PROFILE)/dvc
 export PATH := $(bin):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help venv test bench arms repro lint format types lock clean ci
+.PHONY: help venv test bench arms soak repro lint format types lock clean ci
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */  \1\t/' | expand -t 12
@@ -43,11 +47,14 @@ $(stamp): requirements.lock
 test: venv  ## run the tests
 	@$(bin)/python -m pytest $(PYTEST_ARGS)
 
-bench: venv  ## measure parts, planning against OMPL and scaling, in 16 minutes on 2 idle cores
+bench: venv arms  ## measure arms, then parts, planning on the sphere and scaling, in 45 minutes on 2 idle cores
 	@$(bin)/python stages/bench.py $(BENCH_ARGS)
 
-arms: venv  ## measure planning for arms against OMPL and, where installed, roboplan (pip install roboplan==0.7.0)
-	@$(bin)/python stages/bench_arms.py $(BENCH_ARGS)
+soak: venv  ## plan and verify 10 000 paths of all families, in a quarter of an hour on 2 cores; resumable
+	@$(bin)/python stages/soak.py $(SOAK_ARGS)
+
+arms: venv  ## the first half of bench: against OMPL and, where installed, roboplan (pip install roboplan==0.7.0)
+	@$(bin)/python stages/bench_arms.py $(ARMS_ARGS)
 
 repro: venv  ## run the pipeline: PROFILE=quick (default), standard, paper
 	@[ -f $(pipeline_file) ] || { echo "profile '$(PROFILE)' has no $(pipeline_file); there are:" \

@@ -1,4 +1,4 @@
-"""Measure upright transport by arms, ours beside peers. Not a stage of the pipeline."""
+"""Measure families of tasks, ours beside peers. Not a stage of the pipeline."""
 
 import shlex
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from omegaconf import DictConfig
 
 from pipeline.config import load
 from pipeline.evaluation.arm_contest import ArmContest, arm_trials, tried_trials
+from pipeline.evaluation.upkeep import Upkeep, maintain
 from pipeline.parallel import single_threaded
 from pipeline.reporting.arms_page import arms_page
 from pipeline.reporting.markdown import write
@@ -19,6 +20,7 @@ from pipeline.stage import guarded
 @dataclass(frozen=True)
 class Config:
     contest: ArmContest
+    upkeep: Upkeep
     output: Path | None
 
 
@@ -28,8 +30,10 @@ def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     command = shlex.join(["python", "stages/bench_arms.py", *HydraConfig.get().overrides.task])
     with single_threaded():
-        trials, tried = arm_trials(config.contest), tried_trials(config.contest)
-    text = arms_page(trials, tried, config.contest, command)
+        contest = config.contest
+        upkept = maintain(config.upkeep, contest.families, contest.seed)
+        trials, tried = arm_trials(contest), tried_trials(contest)
+    text = arms_page(trials, tried, upkept, contest, command)
     print(text, end="")
     if config.output:
         write(text, config.output)

@@ -24,12 +24,14 @@ from pipeline.learning.recipe import Recipe
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS
 from pipeline.profile import BenchmarkScale, ChoicesScale, ScenesScale, TrainScale
-from pipeline.robots import Validity, point_robot
+from pipeline.robots import ROBOTS, Validity, point_robot
 from pipeline.samplers.choices import Learned, make_sampler
 from pipeline.schema import Choice
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
-STAGES = sorted(path.stem for path in CONF.glob("*.yaml") if not path.stem.startswith("bench"))  # fixed opponents
+STAGES = sorted(
+    path.stem for path in CONF.glob("*.yaml") if not path.stem.startswith(("bench", "soak"))
+)  # fixed opponents and families
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "hydra")
 
 
@@ -72,6 +74,8 @@ def make(where: tuple[str, ...], choice: Choice) -> Any:
         return choice.make(PLANNERS, group)
     if group == "sampler":
         return make_sampler(choice, Learned(None, {}))  # samplers ask the network when they start, not before
+    if group == "robot":
+        return choice.make(ROBOTS, group)
     assert group == "adherence"
     robot = point_robot(0.001, [-1.1] * 3, [1.1] * 3)
     return make_adherence(choice, sphere_constraint(robot, "point"), Validity(robot, ()))
@@ -124,9 +128,11 @@ def test_every_choice_composes_and_converts(stage):
 
 def test_every_file_is_read_by_a_stage():
     """Every file of a group can be chosen in some stage and makes what it names; so does what the benchmarks read."""
-    convert_all("bench", compose("bench"))
+    for name in ("bench", "bench_arms", "soak"):
+        convert_all(name, compose(name))
+    assert set(compose("bench_arms").contest.families) == set(compose("soak").soak.families) == set(files_of("family"))
     read = {key.partition("@")[0] for stage in STAGES for key in choices_of(stage)}
-    assert read == set(GROUPS) - {"robot"}  # robots are chosen by problem files: tests/robots makes them all
+    assert read == set(GROUPS) - {"robot", "family"}  # tests/robots makes all robots, which problem files choose too
     for group in ("adherence", "environment", "planner", "sampler"):
         for name in files_of(group):
             choice = load(yaml.safe_load((CONF / group / f"{name}.yaml").read_text()), Choice)

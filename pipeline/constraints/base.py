@@ -77,6 +77,7 @@ class Constraint:
         if free:
             raise ConstraintError(f"constraint {name!r} depends on symbols other than its configuration: {free}")
         self.tolerance, self.max_iterations = tolerance, max_iterations
+        self._machine = False
         self.function = ca.Function("F", [q], [ca.densify(ca.vec(expression))])
         jacobian = ca.densify(ca.jacobian(ca.vec(expression), q))
         self.function_jacobian = ca.Function("F_J", [q], [ca.densify(ca.vec(expression)), jacobian])
@@ -87,6 +88,13 @@ class Constraint:
     def manifold_dimension(self) -> int:
         """n - k, where the constraint has full rank."""
         return self.n - self.k
+
+    def accelerate(self) -> None:
+        """Evaluate batches as machine code from now on, where a C compiler is found; results stay the same."""
+        if not self._machine:
+            self._machine = True
+            for name in ("_step_block", "_value_block"):
+                self.__dict__.pop(name, None)  # those made before
 
     def newton(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return F(q) and the next iterate q - J(q)^+ F(q) (Algorithm 1, line 6) as expressions."""
@@ -195,11 +203,11 @@ class Constraint:
 
     @cached_property
     def _step_block(self) -> Compiled:
-        return Compiled(self._newton_function.map(self._block))
+        return Compiled(self._newton_function.map(self._block), self._machine)
 
     @cached_property
     def _value_block(self) -> Compiled:
-        return Compiled(self.function.map(self._block))
+        return Compiled(self.function.map(self._block), self._machine)
 
     @cached_property
     def _newton_function(self) -> ca.Function:

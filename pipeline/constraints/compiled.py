@@ -3,16 +3,22 @@
 import casadi as ca
 import numpy as np
 
+from pipeline.constraints.native import native
+
 
 class Compiled:
     """A CasADi function with fixed argument and result arrays.
 
     A matrix of shape (r, c) in CasADi is an array (c, r) here, because CasADi stores columns and numpy rows: batches
     are columns there and rows here. Vectors are (r,). Results are the same arrays at every call: copy what must stay.
+
+    Args:
+        function: of dense arguments and results.
+        machine: compile it where a C compiler is found (see `native`).
     """
 
-    def __init__(self, function: ca.Function) -> None:
-        self.function = function
+    def __init__(self, function: ca.Function, machine: bool = False) -> None:
+        self.function = (native(function) if machine else None) or function
         self._buffer, self._evaluate = self.function.buffer()
         count_in, count_out = self.function.n_in(), self.function.n_out()
         self.arguments = tuple(_array(self.function.size_in(i)) for i in range(count_in))
@@ -34,9 +40,9 @@ class Compiled:
         return self.results
 
 
-def compiled(name: str, arguments: list[ca.SX], results: list[ca.SX]) -> Compiled:
-    """Return the dense function of `arguments` that gives `results`."""
-    return Compiled(ca.Function(name, arguments, [ca.densify(result) for result in results]))
+def compiled(name: str, arguments: list[ca.SX], results: list[ca.SX], machine: bool = False) -> Compiled:
+    """Return the dense function of `arguments` that gives `results`, as machine code where asked for."""
+    return Compiled(ca.Function(name, arguments, [ca.densify(result) for result in results]), machine)
 
 
 def _array(size: tuple[int, int]) -> np.ndarray:

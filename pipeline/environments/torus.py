@@ -1,6 +1,7 @@
 """Mazes on a torus: a picture wrapped around it, whose dark pixels are walls (after OMPL's torus example)."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import casadi as ca
@@ -8,6 +9,7 @@ import numpy as np
 from matplotlib.image import imread
 
 from pipeline.constraints import Constraint
+from pipeline.environments.task import OnTorus, Task
 from pipeline.errors import ConstraintError, ProblemError, require
 from pipeline.robots import Robot, Validity, point_robot
 
@@ -46,44 +48,73 @@ def torus_constraint(
 
 
 class TorusMaze:
-    """The condition that a point's pixel is bright: columns go around the axis, rows around the tube.
+    """The condition that a point keeps away from dark pixels: columns go around the axis, rows around the tube.
+
+    With a margin of at least half the spacing at which a walk is checked, the walk passes no wall in between.
 
     Args:
         walls: True where there is a wall (rows, columns); both directions are closed.
         major: radius of the torus [m].
+        margin: least distance from walls, along rows and along columns [m]; at most half a pixel where they are
+            smallest.
+        minor: radius of the tube [m].
     """
 
     name = "the maze"
 
-    def __init__(self, walls: np.ndarray, major: float = MAJOR) -> None:
+    def __init__(self, walls: np.ndarray, major: float = MAJOR, margin: float = 0.0, minor: float = MINOR) -> None:
         if walls.ndim != 2 or walls.dtype != bool or not walls.size or walls.all():
             raise ProblemError(
                 f"a maze is a picture with bright pixels; this one has shape {walls.shape}, no way through"
             )
-        self.walls, self.major = walls, major
+        self.walls, self.major, self.minor = walls, major, minor
         self._rows, self._columns = walls.shape
+        self.pixel_size = 2 * np.pi * min(minor / self._rows, (major - minor) / self._columns)  # the smallest [m]
+        require("maze.margin", margin, at_least=0, at_most=self.pixel_size / 2, unit=" m")
+        self.margin = margin
         self._flat = walls.ravel().tolist()
 
+    def kept(self, margin: float) -> "TorusMaze":
+        """Return the same maze with another margin [m]."""
+        return TorusMaze(self.walls, self.major, margin, self.minor)
+
     def holds(self, q: np.ndarray) -> bool:
-        """True when the pixel of the point q (3,) is bright."""
-        row, column = self.pixel(q)
-        return not self._flat[row * self._columns + column]
+        """True when the pixels around the point q (3,), as far as the margin, are bright."""
+        row, column = self._place(q)
+        if not self.margin:
+            return not self._dark(row, column)
+        # A wall is at least a pixel wide, which is twice the margin: one that is near holds a corner of this square.
+        high = self.margin * self._rows / (2 * math.pi * self.minor)
+        wide = self.margin * self._columns / (2 * math.pi * max(math.hypot(q[0], q[1]), self.major - self.minor))
+        return not (
+            self._dark(row - high, column - wide)
+            or self._dark(row - high, column + wide)
+            or self._dark(row + high, column - wide)
+            or self._dark(row + high, column + wide)
+        )
 
     def pixel(self, q: np.ndarray) -> tuple[int, int]:
         """Return row and column of the pixel under q (3,) [m]."""
-        x, y, z = q
-        around, tube = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y) - self.major)
-        row, column = tube / (2 * np.pi) * self._rows, around / (2 * np.pi) * self._columns
-        return int(np.floor(row)) % self._rows, int(np.floor(column)) % self._columns
+        row, column = self._place(q)
+        return math.floor(row) % self._rows, math.floor(column) % self._columns
 
-    def point(self, row: float, column: float, minor: float = MINOR) -> np.ndarray:
+    def _place(self, q: np.ndarray) -> tuple[float, float]:
+        x, y, z = q.tolist()
+        turn = 2 * math.pi
+        tube = math.atan2(z, math.hypot(x, y) - self.major)
+        return tube / turn * self._rows, math.atan2(y, x) / turn * self._columns
+
+    def _dark(self, row: float, column: float) -> bool:
+        return bool(self._flat[math.floor(row) % self._rows * self._columns + math.floor(column) % self._columns])
+
+    def point(self, row: float, column: float) -> np.ndarray:
         """Return the point of the torus (3,) [m] at a place of the picture; +0.5 is the middle of a pixel."""
         around, tube = 2 * np.pi * column / self._columns, 2 * np.pi * row / self._rows
-        ring = self.major + minor * np.cos(tube)
-        return np.array([ring * np.cos(around), ring * np.sin(around), minor * np.sin(tube)])
+        ring = self.major + self.minor * np.cos(tube)
+        return np.array([ring * np.cos(around), ring * np.sin(around), self.minor * np.sin(tube)])
 
 
-def read_maze(path: Path, major: float = MAJOR) -> TorusMaze:
+def read_maze(path: Path) -> TorusMaze:
     """Read any picture (PNG, and what Pillow reads) as a maze: pixels darker than half are walls.
 
     Raises:
@@ -95,7 +126,7 @@ def read_maze(path: Path, major: float = MAJOR) -> TorusMaze:
         raise ProblemError(f"maze {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
     picture = picture / (255.0 if picture.max(initial=0) > 1 else 1.0)
     brightness = picture if picture.ndim == 2 else picture[..., :3].mean(axis=2)
-    return TorusMaze(brightness < _DARK, major)
+    return TorusMaze(brightness < _DARK)
 
 
 def random_maze(rng: np.random.Generator, rows: int, columns: int, corridor: int = 3, wall: int = 1) -> np.ndarray:
@@ -137,27 +168,83 @@ def random_maze(rng: np.random.Generator, rows: int, columns: int, corridor: int
 
 
 @dataclass(frozen=True)
-class MazeProblem:
-    """A maze with a start and a goal (3,) on the torus [m]."""
+class MazeTask(Task):
+    """A way through a maze; its checkers keep their margin from walls.
 
-    robot: Robot
-    constraint: Constraint
-    validity: Validity
-    start: np.ndarray
-    goal: np.ndarray
+    Attributes:
+        maze: the picture.
+    """
+
+    maze: TorusMaze = field(kw_only=True)
+
+    def validity(self, margin: float = 0.0) -> Validity:
+        """Return the checker that keeps `margin` [m] from walls."""
+        return Validity(self.robot, (), conditions=[self.maze.kept(margin)])
 
 
-def maze_problem(maze: TorusMaze, start: tuple[float, float], goal: tuple[float, float]) -> MazeProblem:
-    """Return the problem of getting from one place (row, column) of a maze's picture to another.
+def maze_task(maze: TorusMaze, start: tuple[float, float], goal: tuple[float, float], name: str = "maze") -> MazeTask:
+    """Return the task of getting from one place (row, column) of a maze's picture to another.
 
     Raises:
         ProblemError: a place in a wall.
     """
-    reach = maze.major + MINOR + 0.1
-    robot = point_robot(_RADIUS, [-reach, -reach, -MINOR - 0.1], [reach, reach, MINOR + 0.1])
+    reach, high = maze.major + maze.minor + 0.1, maze.minor + 0.1
+    robot = point_robot(_RADIUS, [-reach, -reach, -high], [reach, reach, high])
     ends = [maze.point(*place) for place in (start, goal)]
-    for name, place, q in zip(("start", "goal"), (start, goal), ends, strict=True):
+    for which, place, q in zip(("start", "goal"), (start, goal), ends, strict=True):
         if not maze.holds(q):
-            raise ProblemError(f"{name} {place} of the maze is in a wall")
-    constraint = torus_constraint(robot, "point", maze.major)
-    return MazeProblem(robot, constraint, Validity(robot, (), conditions=[maze]), *ends)
+            raise ProblemError(f"{which} {place} of the maze is in a wall")
+    constraint = torus_constraint(robot, "point", maze.major, maze.minor)
+    says = (OnTorus(maze.major, maze.minor),)
+    return MazeTask(name, robot, constraint, (), ends[0], ends[1], says, maze=maze)
+
+
+@dataclass(frozen=True)
+class Mazes:
+    """Mazes drawn at random, or one given picture, with start and goal far apart.
+
+    Attributes:
+        rows, columns: cells of a random maze.
+        corridor, wall: their widths in pixels.
+        picture: an image file to take instead; then only start and goal are random.
+    """
+
+    rows: int = 10
+    columns: int = 15
+    corridor: int = 3
+    wall: int = 1
+    picture: Path | None = None
+
+    def task(self, seed: int, number: int) -> MazeTask:
+        """Return problem `number` of a seed: from a random place to the farthest one, along the corridors.
+
+        Raises:
+            ProblemError: a picture that is none.
+        """
+        rng = np.random.default_rng([seed, number])
+        if self.picture is not None:
+            maze = read_maze(self.picture)
+        else:
+            maze = TorusMaze(random_maze(rng, self.rows, self.columns, self.corridor, self.wall))
+        # In the middle of a corridor, as far as pixels tell: a bright pixel among bright ones where there is one.
+        bright = ~maze.walls
+        around = [np.roll(bright, shift, axis) for axis in (0, 1) for shift in (1, -1)]
+        inner = np.argwhere(np.logical_and.reduce([bright, *around]))
+        places = inner if len(inner) else np.argwhere(bright)
+        start = places[rng.integers(len(places))]
+        steps = _steps(maze.walls, (int(start[0]), int(start[1])))
+        goal = places[int(np.argmax(steps[places[:, 0], places[:, 1]]))]
+        ends = [(float(place[0]) + 0.5, float(place[1]) + 0.5) for place in (start, goal)]
+        return maze_task(maze, ends[0], ends[1], f"maze {number}")
+
+
+def _steps(walls: np.ndarray, start: tuple[int, int]) -> np.ndarray:
+    """Return how many pixels away every pixel is (rows, columns), around the torus; -1 where there is no way."""
+    steps = np.full(walls.shape, -1)
+    steps[start] = 0
+    front = steps == 0
+    while front.any():
+        reached = np.logical_or.reduce([np.roll(front, shift, axis) for axis in (0, 1) for shift in (1, -1)])
+        front = reached & ~walls & (steps < 0)
+        steps[front] = steps.max() + 1
+    return steps

@@ -2,17 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 from pipeline.constraints import Constraint, upright
-from pipeline.errors import ProblemError
-from pipeline.robots import Obstacle, Robot, Shape, Validity
+from pipeline.environments.furniture import box, cylinder
+from pipeline.environments.task import Level, Task, two_ends
+from pipeline.errors import ConfigError, ProblemError
+from pipeline.robots import Obstacle, Robot, Validity
 
 _NEAR = 0.02  # start and goal keep this from obstacles [m], so that no planner's margin forbids them
-_TRIES = 2000  # random configurations per wanted start or goal
+_TRIES = 80  # times fifty random configurations
 _EDGE = 0.15  # from the shoulder to the table [m]
 _LEAST = 1.0  # start and goal are at least this far apart [rad]
 
@@ -42,65 +44,58 @@ STATIONS = {
 }
 
 
-@dataclass(frozen=True)
-class ArmProblem:
-    """A problem of an arm.
-
-    Attributes:
-        name: family, robot and number.
-        robot, constraint, obstacles: what there is; every obstacle has a name.
-        start, goal: configurations on the manifold (n,), free with a margin.
-    """
-
-    name: str
-    robot: Robot
-    constraint: Constraint
-    obstacles: tuple[Obstacle, ...]
-    start: np.ndarray
-    goal: np.ndarray
-
-
-def transport_constraint(robot: Robot) -> Constraint:
-    """Return the constraint of all transport problems of a robot: its tool is level."""
-    return upright(robot, robot.tool, direction=STATIONS[robot.name].level)
-
-
-def transport(robot: Robot, constraint: Constraint, seed: int, number: int) -> ArmProblem:
-    """Return problem `number` of a seed: even ones on a table, odd ones with a shelf too; 15 to 40 obstacles.
+class UprightTransport:
+    """Tasks of one robot: even ones on a table, odd ones with a shelf too; 15 to 40 obstacles.
 
     Start and goal are random configurations, projected, with the hand over the table among the objects.
 
+    Args:
+        robot: one that a station is known for.
+
     Raises:
-        ProblemError: no station is known for the robot, or no start and goal are found.
+        ConfigError: another one.
     """
-    if robot.name not in STATIONS:
-        raise ProblemError(f"upright transport has stations for {', '.join(STATIONS)}, not for {robot.name!r}")
-    station = STATIONS[robot.name]
-    for attempt in range(20):
-        rng = np.random.default_rng([seed, number, attempt])
-        obstacles = tuple(_scene(rng, station, shelf=number % 2 == 1))
-        validity = Validity(robot, obstacles, _NEAR, 0.0)
-        ends = list(_ends(rng, robot, constraint, validity, station))
-        if len(ends) == 2:
-            return ArmProblem(f"transport {robot.name} {number}", robot, constraint, obstacles, *ends)
-    raise ProblemError(f"no start and goal were found for upright transport {number} of {robot.name!r}, seed {seed}")
+
+    def __init__(self, robot: Robot) -> None:
+        if robot.name not in STATIONS:
+            raise ConfigError(f"upright transport has stations for {', '.join(STATIONS)}, not for {robot.name!r}")
+        self.robot, self.station = robot, STATIONS[robot.name]
+        self.constraint = upright(robot, robot.tool, direction=self.station.level)
+
+    def task(self, seed: int, number: int) -> Task:
+        """See `Family`."""
+        robot, constraint, station = self.robot, self.constraint, self.station
+        for attempt in range(20):
+            rng = np.random.default_rng([seed, number, attempt])
+            obstacles = tuple(_scene(rng, station, shelf=number % 2 == 1))
+            validity = Validity(robot, obstacles, _NEAR, 0.0)
+            ends = two_ends(
+                partial(_draw, rng, robot, constraint),
+                partial(_among, robot, validity, station, robot.model.createData()),
+                _LEAST,
+                _TRIES,
+            )
+            if ends is not None:
+                says = (Level(robot.tool, (0.0, 0.0, 1.0), station.level),)
+                return Task(f"transport {robot.name} {number}", robot, constraint, obstacles, *ends, says)
+        raise ProblemError(f"no start and goal were found for upright transport {number}, {robot.name!r}, seed {seed}")
 
 
 def _scene(rng: np.random.Generator, station: Station, shelf: bool) -> Iterator[Obstacle]:
     x, y = station.shoulder
     far = station.reach[1]
     # The table begins in front of the arm's own base.
-    yield _box("table", (x + _EDGE + 0.6, y, station.top - 0.02), (1.2, 2.2, 0.04), 0.0)
+    yield box("table", (x + _EDGE + 0.6, y, station.top - 0.02), (1.2, 2.2, 0.04), 0.0)
     count = int(rng.integers(14, 39))
     boards: list[tuple[float, float, float, float]] = []
     if shelf:
         angle = rng.uniform(*(0.5 * np.array(station.sector)))
         place = np.array([x, y]) + 0.95 * far * np.array([np.cos(angle), np.sin(angle)])
         for k, height in enumerate((0.0, 0.32, 0.64)):
-            yield _box(f"board {k}", (*place, station.top + 0.01 + height), (0.3, 0.7, 0.02), angle)
+            yield box(f"board {k}", (*place, station.top + 0.01 + height), (0.3, 0.7, 0.02), angle)
         for k, side in enumerate((-0.35, 0.35)):
             offset = side * np.array([-np.sin(angle), np.cos(angle)])
-            yield _box(f"side {k}", (*(place + offset), station.top + 0.33), (0.3, 0.02, 0.66), angle)
+            yield box(f"side {k}", (*(place + offset), station.top + 0.33), (0.3, 0.02, 0.66), angle)
         boards = [(*place, station.top + 0.02 + height, angle) for height in (0.0, 0.32)]
         count = max(count - 5, 10)
     for i in range(count):
@@ -120,34 +115,21 @@ def _scene(rng: np.random.Generator, station: Station, shelf: bool) -> Iterator[
             px, py, pz = x + distance * np.cos(bearing), y + distance * np.sin(bearing), station.top
         pose = (px, py, pz + height / 2)
         if rng.random() < 0.5:
-            yield Obstacle(Shape.CYLINDER, pose, (0.0, 0.0, 0.0, 1.0), (width, width, height), f"object {i}")
+            yield cylinder(f"object {i}", pose, width, height)
         else:
-            yield _box(f"object {i}", pose, (width, depth, height), turn)
+            yield box(f"object {i}", pose, (width, depth, height), turn)
 
 
-def _ends(
-    rng: np.random.Generator, robot: Robot, constraint: Constraint, validity: Validity, station: Station
-) -> Iterator[np.ndarray]:
-    """Two configurations with the hand low over the table, and far from each other."""
-    first: np.ndarray | None = None
-    tool, data = robot.frame_id(robot.tool), robot.model.createData()
-    for _ in range(0, _TRIES, 50):
-        Q, converged = constraint.project_batch(rng.uniform(robot.lower, robot.upper, (50, robot.dimension)))
-        for q in Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]:
-            pin.forwardKinematics(robot.model, data, q)
-            px, py, pz = pin.updateFramePlacement(robot.model, data, tool).translation
-            dx, dy = px - station.shoulder[0], py - station.shoulder[1]
-            low, high = station.sector
-            there = low < np.arctan2(dy, dx) < high and np.hypot(dx, dy) > station.reach[0]
-            if not there or not 0.03 < pz - station.top < 0.3 or not validity.free(q):
-                continue
-            if first is None or np.linalg.norm(q - first) > _LEAST:
-                yield q
-                if first is not None:
-                    return
-                first = q
+def _draw(rng: np.random.Generator, robot: Robot, constraint: Constraint) -> np.ndarray:
+    Q, converged = constraint.project_batch(rng.uniform(robot.lower, robot.upper, (50, robot.dimension)))
+    return Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
 
 
-def _box(name: str, position: Any, size: tuple[float, float, float], turn: float) -> Obstacle:
-    x, y, z = (float(value) for value in position)
-    return Obstacle(Shape.BOX, (x, y, z), (0.0, 0.0, float(np.sin(turn / 2)), float(np.cos(turn / 2))), size, name)
+def _among(robot: Robot, validity: Validity, station: Station, data: pin.Data, q: np.ndarray) -> bool:
+    """Tell whether the hand is low over the table, in front, and free."""
+    pin.forwardKinematics(robot.model, data, q)
+    px, py, pz = pin.updateFramePlacement(robot.model, data, robot.frame_id(robot.tool)).translation
+    dx, dy = px - station.shoulder[0], py - station.shoulder[1]
+    low, high = station.sector
+    there = low < np.arctan2(dy, dx) < high and np.hypot(dx, dy) > station.reach[0]
+    return bool(there and 0.03 < pz - station.top < 0.3 and validity.free(q))

@@ -1,63 +1,151 @@
-"""Upright transport as a user of OMPL writes it: pinocchio and numpy for the constraint, pinocchio for collisions.
+"""Constraints and checkers as a user of OMPL writes them: pinocchio and numpy, pinocchio for collisions.
 
-Peers of ours in the benchmark only. It shares no code with `Constraint` and `Validity`, so it checks them as well.
+Peers of ours in the benchmark only. They share no code with `Constraint` and `Validity`, so they check them as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from pipeline.environments.task import Joined, Level, OnTorus, Pinned, Task
 from pipeline.robots import Obstacle, Robot
 
 
-class OrdinaryUpright:
-    """The tool's z axis keeps a direction of the world: two rows by numpy."""
+class OrdinaryConstraint:
+    """What a task's constraint says, row by row in numpy.
+
+    Args:
+        task: whose constraint it stands in for.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.n, self.tolerance = task.robot.dimension, task.constraint.tolerance
+        self.max_iterations = task.constraint.max_iterations
+        self._model, self._data = task.robot.model, task.robot.model.createData()
+        self._parts = [_PARTS[type(saying)](task.robot, saying) for saying in task.says]
+        self.k = sum(part.k for part in self._parts)
+
+    def value(self, q: np.ndarray) -> np.ndarray:
+        """Return F(q) (k,) [m, rad]."""
+        pin.forwardKinematics(self._model, self._data, q)
+        return np.concatenate([part.value(self._model, self._data, q) for part in self._parts])
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Return dF/dq (k, n)."""
+        pin.computeJointJacobians(self._model, self._data, q)
+        return np.concatenate([part.jacobian(self._model, self._data, q) for part in self._parts])
+
+
+class _Level:
+    """The tilt of an axis: its length is the angle [rad]; the derivative is right to first order in the tilt."""
 
     k = 2
 
-    def __init__(self, robot: Robot, direction: Sequence[float], tolerance: float, max_iterations: int) -> None:
-        self.n, self.tolerance, self.max_iterations = robot.dimension, tolerance, max_iterations
-        self._model, self._data, self._frame = robot.model, robot.model.createData(), robot.frame_id(robot.tool)
-        wanted = np.asarray(direction, float)
+    def __init__(self, robot: Robot, says: Level) -> None:
+        self._frame, self._held = robot.frame_id(says.frame), np.array(says.axis)
+        wanted = np.array(says.direction)
         self._wanted = wanted / np.linalg.norm(wanted)
-        _, _, V = np.linalg.svd(self._wanted[None])
-        self._across = V[1:]  # (2, 3), perpendicular to the direction
+        self._across = np.linalg.svd(self._wanted[None])[2][1:]  # (2, 3), perpendicular to the direction
 
-    def value(self, q: np.ndarray) -> np.ndarray:
-        """Return the tilt (2,) [rad]: its length is the angle."""
-        pin.forwardKinematics(self._model, self._data, q)
-        axis = pin.updateFramePlacement(self._model, self._data, self._frame).rotation[:, 2]
+    def value(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        axis = pin.updateFramePlacement(model, data, self._frame).rotation @ self._held
         sines = self._across @ axis
         sine = np.linalg.norm(sines)
         return sines * (np.arctan2(sine, self._wanted @ axis) / sine if sine > 1e-12 else 1.0)
 
-    def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Return its derivative (2, n), to first order in the tilt."""
-        J = pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.LOCAL_WORLD_ALIGNED)[3:]  # (3, n)
-        axis = self._data.oMf[self._frame].rotation[:, 2]
-        F = self.value(q)
+    def jacobian(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        J = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[3:]  # (3, n)
+        axis = pin.updateFramePlacement(model, data, self._frame).rotation @ self._held
         sine = np.linalg.norm(self._across @ axis)
-        scale = np.linalg.norm(F) / sine if sine > 1e-12 else 1.0
+        scale = np.linalg.norm(self.value(model, data, q)) / sine if sine > 1e-12 else 1.0
         return scale * self._across @ -pin.skew(axis) @ J
 
 
-class OrdinaryValidity:
-    """All pairs of robot and obstacles by `pinocchio.computeCollisions`."""
+class _Joined:
+    """The logarithm of the error of a relative pose."""
 
-    def __init__(self, robot: Robot, obstacles: Sequence[Obstacle]) -> None:
+    k = 6
+
+    def __init__(self, robot: Robot, says: Joined) -> None:
+        self._frame, self._other = robot.frame_id(says.frame), robot.frame_id(says.other)
+        self._relative = says.relative.se3()
+
+    def _error(self, model: pin.Model, data: pin.Data) -> pin.SE3:
+        first = pin.SE3(pin.updateFramePlacement(model, data, self._frame))
+        return (first * self._relative).actInv(pin.updateFramePlacement(model, data, self._other))
+
+    def value(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        return np.array(pin.log6(self._error(model, data)).vector)
+
+    def jacobian(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        E = self._error(model, data)
+        J_frame = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL)
+        J_other = pin.getFrameJacobian(model, data, self._other, pin.LOCAL)
+        return pin.Jlog6(E) @ (J_other - (self._relative * E).inverse().action @ J_frame)
+
+
+class _Pinned:
+    """Where a frame is, less where it shall be [m]."""
+
+    k = 3
+
+    def __init__(self, robot: Robot, says: Pinned) -> None:
+        self._frame, self._point = robot.frame_id(says.frame), np.array(says.point)
+
+    def value(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        return pin.updateFramePlacement(model, data, self._frame).translation - self._point
+
+    def jacobian(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        return np.array(pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[:3])
+
+
+class _OnTorus:
+    """The distance from a circle less the tube's radius [m]; q is the point."""
+
+    k = 1
+
+    def __init__(self, robot: Robot, says: OnTorus) -> None:
+        self._major, self._minor = says.major, says.minor
+
+    def value(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        return np.array([np.hypot(np.hypot(q[0], q[1]) - self._major, q[2]) - self._minor])
+
+    def jacobian(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        around = np.hypot(q[0], q[1])
+        ring = around - self._major
+        return np.array([[q[0] / around * ring, q[1] / around * ring, q[2]]]) / np.hypot(ring, q[2])
+
+
+_PARTS: dict[type, Any] = {Level: _Level, Joined: _Joined, Pinned: _Pinned, OnTorus: _OnTorus}
+
+
+class OrdinaryValidity:
+    """All pairs of robot and obstacles by `pinocchio.computeCollisions`; other conditions are asked as they are."""
+
+    def __init__(self, task: Task) -> None:
+        robot, obstacles, touching = task.robot, task.obstacles, task.touching
+        self._conditions = task.validity().conditions
         self._model, self._data = robot.model, robot.model.createData()
         self._geometry = robot.geometry.copy()
-        moving = [i for i, body in enumerate(self._geometry.geometryObjects) if body.parentJoint]
-        for number, obstacle in enumerate(obstacles):
-            placement = pin.SE3(obstacle.rotation, np.array(obstacle.position))
-            added = self._geometry.addGeometryObject(
-                pin.GeometryObject(f"obstacle {number}", 0, placement, obstacle.geometry())
-            )
-            for i in moving:
-                self._geometry.addCollisionPair(pin.CollisionPair(i, added))
+        _furnish(self._geometry, obstacles, touching)
         self._placed = self._geometry.createData()
 
     def free(self, q: np.ndarray) -> bool:
-        """True when no pair collides at q (n,)."""
+        """True when no pair collides at q (n,) and the conditions hold."""
+        if not all(condition.holds(q) for condition in self._conditions):
+            return False
         return not pin.computeCollisions(self._model, self._data, self._geometry, self._placed, q, True)
+
+
+def _furnish(geometry: pin.GeometryModel, obstacles: Sequence[Obstacle], touching: Collection[tuple[str, str]]) -> None:
+    """Add obstacles, and their pairs with the bodies that move."""
+    moving = [i for i, body in enumerate(geometry.geometryObjects) if body.parentJoint]
+    names = [body.name for body in geometry.geometryObjects]
+    for number, obstacle in enumerate(obstacles):
+        placement = pin.SE3(obstacle.rotation, np.array(obstacle.position))
+        added = geometry.addGeometryObject(pin.GeometryObject(f"obstacle {number}", 0, placement, obstacle.geometry()))
+        for i in moving:
+            if (names[i], obstacle.name) not in touching:
+                geometry.addCollisionPair(pin.CollisionPair(i, added))

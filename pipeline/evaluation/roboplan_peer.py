@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.environments.transport import STATIONS, ArmProblem
+from pipeline.environments.task import Level, Task
 from pipeline.errors import ConfigError
 from pipeline.robots import Robot, Shape, UrdfRobot
 from pipeline.robots.description import SHARE, resolve
@@ -73,15 +73,17 @@ class RoboplanPeer:
         self.standing = sorted({robot.model.frames[b.parentFrame].name for b in bodies if not b.parentJoint})
         self.added: list[str] = []
 
-    def plan(self, problem: ArmProblem, time_limit: float, seed: int) -> tuple[float, np.ndarray | None]:
+    def plan(self, task: Task, time_limit: float, seed: int) -> tuple[float, np.ndarray | None]:
         """Return the time of planning [s] and the waypoints (T, n), None without a path."""
-        self._furnish(problem)
+        self._furnish(task)
         core, rrt, parameters = self.core, self.rrt, self.parameters
         level = np.eye(4)
-        z = np.array(STATIONS[self.robot.name].level)
+        (says,) = task.says
+        assert isinstance(says, Level) and says.frame == self.robot.tool and says.axis == (0.0, 0.0, 1.0)
+        z = says.direction
         level[:3, :3] = np.diag([1.0, 1.0, 1.0]) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
         free = np.array([np.inf, np.inf, np.inf, 0.0, 0.0, np.inf])
-        tolerance = problem.constraint.tolerance
+        tolerance = task.constraint.tolerance
         constraint = rrt.PoseConstraint(
             self.scene, _GROUP, self.robot.tool, -free, free, np.asfortranarray(level), "", tolerance, tolerance
         )
@@ -94,7 +96,7 @@ class RoboplanPeer:
             rrt_connect=True,
         )
         options.constraint_projection.path_step_size = parameters.step
-        start, goal = (core.JointConfiguration(list(self.robot.joint_names), q) for q in (problem.start, problem.goal))
+        start, goal = (core.JointConfiguration(list(self.robot.joint_names), q) for q in (task.start, task.goal))
         begin = time.perf_counter()
         planner = rrt.RRT(self.scene, options)
         planner.setRngSeed(seed)
@@ -104,12 +106,12 @@ class RoboplanPeer:
             return time.perf_counter() - begin, None
         return time.perf_counter() - begin, path
 
-    def _furnish(self, problem: ArmProblem) -> None:
-        """Replace the obstacles of the last problem."""
+    def _furnish(self, task: Task) -> None:
+        """Replace the obstacles of the last task."""
         core, scene = self.core, self.scene
         while self.added:
             scene.removeGeometry(self.added.pop())
-        for obstacle in problem.obstacles:
+        for obstacle in task.obstacles:
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = obstacle.rotation, obstacle.position
             x, y, z = obstacle.size
@@ -122,5 +124,5 @@ class RoboplanPeer:
                 scene.setCollisions(body, obstacle.name, False)
             self.added.append(obstacle.name)
         q = self.whole.copy()
-        q[self.planned] = problem.start
+        q[self.planned] = task.start
         scene.setJointPositions(q)

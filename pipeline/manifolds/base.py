@@ -23,6 +23,7 @@ from pipeline.robots import Validity
 
 _SIXTEENTHS = (8, 4, 12, 2, 6, 10, 14, *range(1, 16, 2))  # of an edge: its middle, farthest from both free ends, first
 _EDGES = 8  # screened at a time
+_FROM_LIMITS = 1e-3  # what a found path keeps from joint limits [rad or m]
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
 
@@ -96,6 +97,8 @@ class AdherenceParameters:
         refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
             finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
             is then not checked again.
+        native: evaluate steps and projections as machine code where a C compiler is found, with the same results;
+            compiling takes seconds, once for each robot, constraint and parameters.
     """
 
     step: float = 0.05
@@ -106,6 +109,7 @@ class AdherenceParameters:
     resolution: float = 0.01
     lookahead: int = 8
     refinement: float | None = None
+    native: bool = False
 
     def __post_init__(self) -> None:
         for name in ("step", "leap", "wander", "resolution"):
@@ -141,6 +145,8 @@ class Adherence(ABC):
                 f"robot {validity.robot.name!r} has {validity.robot.dimension} joints"
             )
         self.constraint, self.validity, self.parameters = constraint, validity, parameters
+        if parameters.native:
+            constraint.accelerate()
         self.lower, self.upper = validity.robot.lower, validity.robot.upper
         self.counters = Counters()
         # Steps on a curved manifold are not quite gamma long; longer chords than this are checked at all their points.
@@ -173,7 +179,8 @@ class Adherence(ABC):
         """Use a scene's checker, and its widened one where the robot's travel is known."""
         travel = validity.robot.travel
         self.validity = validity
-        useful = travel is not None and len(self._shares) > 0
+        # A condition holds where it holds: no margin says so of the surroundings.
+        useful = travel is not None and len(self._shares) > 0 and not validity.conditions
         self._wide = validity.widened((travel or 0.0) * self._vouched / 2) if useful else None
         self._checks_before = self._checks()
 
@@ -294,7 +301,11 @@ class Adherence(ABC):
         points, converged = self._brought_back(points)
         leaps = np.linalg.norm(np.diff(points, axis=0, prepend=states[:1]), axis=1)
         sound = converged & (leaps <= parameters.leap * spacing)
-        sound &= ((points >= self.lower) & (points <= self.upper)).all(axis=1)
+        sound &= (gaps <= parameters.leap * parameters.step)[segment]
+        # A way along a joint limit bends beyond it between two points; only the ends may be nearer.
+        low = np.minimum(self.lower + _FROM_LIMITS, np.minimum(states[0], states[-1]))
+        high = np.maximum(self.upper - _FROM_LIMITS, np.maximum(states[0], states[-1]))
+        sound &= ((points >= low) & (points <= high)).all(axis=1)
         known = np.zeros(len(points), bool)
         if parameters.refinement is not None:
             known[last - 1] = (states[1:] == given[1:]).all(axis=1)

@@ -25,7 +25,9 @@ class ContinuationAdherence(Adherence):
         self.parameters: AtlasParameters = parameters
         self.atlas = Atlas(constraint, parameters)
         self._charts: dict[bytes, Chart] = {}  # of states that walks began or ended at
-        self._edge = compiled(f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions())
+        self._edge = compiled(
+            f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions(), parameters.native
+        )
         origin, tangent, normal, u = self._chart_symbols()
         q, _, violation = self._exponential(
             origin + tangent @ u, normal, ca.SX.zeros(constraint.k), 3 * parameters.newton_steps
@@ -33,8 +35,8 @@ class ContinuationAdherence(Adherence):
         base, y = ca.SX.sym("base", constraint.n), ca.SX.sym("y", constraint.k)
         F, J = constraint.function_jacobian(base + normal @ y)
         lift = ca.Function("lift", [base, normal, y], [ca.sumsqr(F), ca.densify(y - ca.solve(J @ normal, F))])
-        self._lift_block = Compiled(lift.map(_SAMPLE_BLOCK))
-        self._psi = compiled("psi", [origin, tangent, normal, u], [q, violation])
+        self._lift_block = Compiled(lift.map(_SAMPLE_BLOCK), parameters.native)
+        self._psi = compiled("psi", [origin, tangent, normal, u], [q, violation], parameters.native)
 
     def reset(self, validity: Validity | None = None) -> None:
         """Forget the last problem and its charts."""

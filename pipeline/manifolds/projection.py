@@ -44,7 +44,10 @@ class ProjectionAdherence(Adherence):
             ways.append(D)
             q = following
         self._edge = compiled(
-            "projection_edge", [x, target, way, longest], [ca.horzcat(*points), ca.vertcat(*codes), ca.vertcat(*ways)]
+            "projection_edge",
+            [x, target, way, longest],
+            [ca.horzcat(*points), ca.vertcat(*codes), ca.vertcat(*ways)],
+            parameters.native,
         )
 
     def traverse(

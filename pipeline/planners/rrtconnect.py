@@ -74,10 +74,13 @@ class RrtConnect(Planner):
         walk = space.traverse(tree[nearest], target, max_states, land)
         if not len(walk.states):
             return None, tree[nearest].copy(), False
-        node = nearest
-        for first in range(0, len(walk.states), self.node_states):
-            node = tree.add(node, walk.states[first : first + self.node_states])
-        return node, walk.states[-1], walk.reached
+        return self._add(tree, nearest, walk.states), walk.states[-1], walk.reached
+
+    def _add(self, tree: Tree, node: int, states: np.ndarray) -> int:
+        """Add what was walked (T, n) from a node; return the last new node."""
+        for first in range(0, len(states), self.node_states):
+            node = tree.add(node, states[first : first + self.node_states])
+        return node
 
     def _join(self, space: Adherence, trees: tuple[Tree, Tree], ends: tuple[int, int]) -> np.ndarray | None:
         """Return the path through two touching nodes if the finer walk holds; otherwise cut the tree where it fails."""

@@ -1,6 +1,9 @@
 """A tree of configurations with the states of its edges."""
 
 import numpy as np
+from scipy.spatial import cKDTree
+
+_TAIL = 256  # nodes looked at one by one: making a tree of them costs more
 
 
 class Tree:
@@ -16,6 +19,8 @@ class Tree:
         self.parents = [-1]
         self.edges: list[np.ndarray] = [np.empty((0, len(root)))]
         self.children: list[list[int]] = [[]]
+        self._index: cKDTree | None = None  # of the first nodes, see `nearest_of`
+        self._rows, self._indexed = np.empty(0, int), 0
 
     def __len__(self) -> int:
         return len(self.parents)
@@ -49,6 +54,27 @@ class Tree:
         offsets = self._q[: len(self.parents)] - q
         return int(np.einsum("ij,ij->i", offsets, offsets).argmin())
 
+    def nearest_of(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the nodes nearest to rows of Q (m, n) in the ambient space (m,), and how far they are (m,).
+
+        For trees of thousands of nodes: most of them sit in a k-d tree, which is made anew as they become more.
+        """
+        count = len(self.parents)
+        if count > self._indexed + max(_TAIL, self._indexed // 8):
+            rows = np.flatnonzero(np.isfinite(self._q[:count, 0]))  # without those removed
+            self._index, self._rows, self._indexed = cKDTree(self._q[rows]), rows, count
+        nodes, distances = np.zeros(len(Q), int), np.full(len(Q), np.inf)
+        if self._index is not None:
+            distances, found = self._index.query(Q)
+            nodes = self._rows[found]
+        if count > self._indexed:
+            offsets = self._q[None, self._indexed : count] - Q[:, None]
+            squares = np.einsum("ijk,ijk->ij", offsets, offsets)
+            nearer = np.sqrt(squares.min(axis=1)) < distances
+            nodes = np.where(nearer, squares.argmin(axis=1) + self._indexed, nodes)
+            distances = np.where(nearer, np.sqrt(squares.min(axis=1)), distances)
+        return nodes, distances
+
     def path(self, node: int) -> tuple[np.ndarray, list[int]]:
         """Return the states from the root to `node` (T, n), and for each the node whose edge it is on."""
         nodes = [node]
@@ -61,6 +87,7 @@ class Tree:
 
     def remove(self, node: int) -> None:
         """Take `node` and all below it out of the tree: nothing is nearest to them any more."""
+        self._index, self._rows, self._indexed = None, np.empty(0, int), 0
         waiting = [node]
         while waiting:
             i = waiting.pop()

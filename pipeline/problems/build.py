@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, intersection
+from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
 from pipeline.errors import ConfigError, ProblemError, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
-from pipeline.problems.inverse import InverseKinematics, Target, at_pose, in_region, with_values
 from pipeline.robots import ROBOTS, Obstacle, Robot, Validity, attach
 
 _TRIES = 100  # of inverse kinematics per wanted configuration

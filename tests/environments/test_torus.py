@@ -9,8 +9,9 @@ from matplotlib.image import imsave
 from pipeline.environments.torus import (
     MAJOR,
     MINOR,
+    Mazes,
     TorusMaze,
-    maze_problem,
+    maze_task,
     random_maze,
     read_maze,
     torus_constraint,
@@ -18,7 +19,7 @@ from pipeline.environments.torus import (
 from pipeline.errors import ConfigError, ConstraintError, ProblemError
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
-from pipeline.planners import Problem, RrtConnect, Termination
+from pipeline.planners import DynamicDomainRrtConnect, Problem, Termination
 from pipeline.samplers import UniformSampler
 from tests.robots.worlds import ball, differences
 
@@ -85,22 +86,60 @@ def test_any_picture(tmp_path):
     with pytest.raises(ConfigError, match=r"maze\.rows is 1"):
         random_maze(np.random.default_rng(0), 1, 4)
     with pytest.raises(ProblemError, match=r"goal .* is in a wall"):
-        maze_problem(TorusMaze(walls), (0.5, 0.5), (3.5, 3.5))
+        maze_task(TorusMaze(walls), (0.5, 0.5), (3.5, 3.5))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_plans_follow_the_corridors(seed):
-    """A search goes from one cell of 24 to the farthest by flood fill; the path is bright everywhere."""
-    walls = random_maze(np.random.default_rng(seed), 4, 6)
-    far = flooded(walls, (1, 1))
-    goal = np.unravel_index(int(far.argmax()), far.shape)
+def test_margin_is_a_distance():
+    """With a margin a point is refused exactly where a wall's pixel is nearer along rows and columns; not beyond it."""
+    rng = np.random.default_rng(4)
+    walls = rng.random((6, 9)) < 0.3
     maze = TorusMaze(walls)
-    problem = maze_problem(maze, (1.5, 1.5), (goal[0] + 0.5, goal[1] + 0.5))
-    space = ProjectionAdherence(problem.constraint, problem.validity, AdherenceParameters(refinement=0.005))
-    asked = Problem(space, problem.start, problem.goal)
-    result = RrtConnect(range=0.5, balanced=True).plan(asked, UniformSampler(), Termination(time_limit=60.0), seed)
+    wide = maze.kept(0.3 * maze.pixel_size)
+    for row, column in rng.uniform([0, 0], [6, 9], (400, 2)):
+        q = maze.point(row, column)
+        ring = MAJOR + MINOR * np.cos(2 * np.pi * row / 6)
+        reach = [wide.margin / (2 * np.pi * MINOR / 6), wide.margin / (2 * np.pi * ring / 9)]  # in pixels
+        rows = np.arange(np.floor(row - reach[0]), np.floor(row + reach[0]) + 1).astype(int) % 6
+        columns = np.arange(np.floor(column - reach[1]), np.floor(column + reach[1]) + 1).astype(int) % 9
+        assert wide.holds(q) == (not walls[np.ix_(rows, columns)].any())
+    with pytest.raises(ConfigError, match=r"maze\.margin"):
+        maze.kept(maze.pixel_size)
+
+
+def test_farthest_places():
+    """A family's goal is the farthest open place from its start by flood fill, both in the middle of a corridor."""
+    task = Mazes(5, 7).task(3, 1)
+    start, goal = (task.maze.pixel(q) for q in (task.start, task.goal))
+    far = flooded(task.maze.walls, start)
+    middles = ~task.maze.walls
+    for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        middles = middles & ~np.roll(task.maze.walls, shift, axis)
+    assert middles[start] and middles[goal]
+    assert far[goal] == far[middles].max()
+
+
+def test_a_picture_is_a_family(tmp_path):
+    """Tasks in a given picture have its walls and different starts."""
+    walls = random_maze(np.random.default_rng(3), 4, 5)
+    imsave(tmp_path / "maze.png", (~walls).astype(float), cmap="gray")
+    tasks = [Mazes(picture=tmp_path / "maze.png").task(0, number) for number in range(3)]
+    assert all((task.maze.walls == walls).all() for task in tasks)
+    assert len({task.maze.pixel(task.start) for task in tasks}) > 1
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_plans_follow_the_corridors(seed):
+    """In a maze of 150 cells the path to the farthest place is bright everywhere and as long as the corridors ask."""
+    task = Mazes(10, 15).task(11, seed)
+    margin = 0.25 * task.maze.pixel_size
+    parameters = AdherenceParameters(step=0.06, resolution=2 * margin)
+    space = ProjectionAdherence(task.constraint, task.validity(margin), parameters)
+    planner = DynamicDomainRrtConnect(domain=0.42, spacing=0.105, node_states=1, balanced=True)
+    asked = Problem(space, task.start, task.goal)
+    result = planner.plan(asked, UniformSampler(), Termination(max_iterations=100_000), seed)
     assert result.solved
     bounds = VerifierParameters(step=0.001, leap=0.2)
-    verdict = verify(result.path, problem.start, problem.goal, problem.constraint, problem.validity, bounds)
+    verdict = verify(result.path, task.start, task.goal, task.constraint, task.validity(), bounds)
     assert verdict.passed, verdict.message
-    assert verdict.length > 0.5 * far.max() * 2 * np.pi * (MAJOR - MINOR) / walls.shape[1]
+    far = flooded(task.maze.walls, task.maze.pixel(task.start))[task.maze.pixel(task.goal)]
+    assert verdict.length > 0.5 * far * task.maze.pixel_size

@@ -1,22 +1,31 @@
-"""The arms' contest: peers solve the same problem, and the page says what the trials say."""
+"""The arms' contest: routes plan the same tasks, and the pages say what the trials say."""
 
 import builtins
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.config import compose, load
-from pipeline.environments.transport import STATIONS, transport, transport_constraint
 from pipeline.errors import ConfigError
-from pipeline.evaluation.arm_contest import ORDINARY, TABLE, ArmContest, arm_table, arm_trials, ratio_lines
-from pipeline.evaluation.ordinary import OrdinaryUpright, OrdinaryValidity
+from pipeline.evaluation.arm_contest import (
+    OMPL_OURS,
+    ORDINARY,
+    TABLE,
+    ArmContest,
+    arm_table,
+    arm_trials,
+    ratio_lines,
+    tried_trials,
+)
+from pipeline.evaluation.families import Setting
 from pipeline.evaluation.roboplan_peer import load_roboplan
+from pipeline.evaluation.soak import Load, Soak, soak_shard, soak_table, wrong
+from pipeline.evaluation.upkeep import Maintained, Upkeep, maintain
 from pipeline.reporting.arms_page import arms_page
-from pipeline.robots import Validity
-from tests.robots.named import configurations, named
-from tests.robots.worlds import differences
+from pipeline.reporting.soak_page import soak_page
+
+UPKEPT = Maintained(pd.DataFrame({"part": ["a check"]}), "as it was", pd.DataFrame({"limit": [1]}), 7)
 
 
 def contest(**changes) -> ArmContest:
@@ -25,44 +34,71 @@ def contest(**changes) -> ArmContest:
     return replace(load(config.contest, ArmContest), **changes)
 
 
-@pytest.mark.parametrize("name", STATIONS)
-def test_ordinary_constraint_is_ours(name):
-    """By numpy and pinocchio the tilt is as long as ours everywhere; its Jacobian is exact on the manifold."""
-    robot = named(name)
-    ours = transport_constraint(robot)
-    ordinary = OrdinaryUpright(robot, STATIONS[name].level, ours.tolerance, ours.max_iterations)
-    for q in configurations(robot, np.random.default_rng(1), 20):
-        assert np.linalg.norm(ordinary.value(q)) == pytest.approx(ours.distance(q), abs=1e-7)
-        on = ours.project(q).q
-        np.testing.assert_allclose(ordinary.jacobian(on), differences(ordinary.value, on), atol=1e-5)
-
-
-@pytest.mark.parametrize("name", STATIONS)
-def test_ordinary_checker_is_ours(name):
-    """Plain pinocchio over all pairs gives the verdicts of our checker."""
-    robot = named(name)
-    problem = transport(robot, transport_constraint(robot), 5, 1)
-    ours, ordinary = Validity(robot, problem.obstacles), OrdinaryValidity(robot, problem.obstacles)
-    near = problem.start + np.random.default_rng(3).normal(scale=0.3, size=(100, 7))
-    Q = np.concatenate([configurations(robot, np.random.default_rng(2), 100), np.clip(near, robot.lower, robot.upper)])
-    verdicts = [ours.free(q) for q in Q]
-    assert verdicts == [ordinary.free(q) for q in Q]
-    assert 20 < sum(verdicts) < 180
+def small(setting: Setting) -> Setting:
+    """A family whose mazes have 24 cells, with half a second a plan."""
+    parameters = {"rows": 4, "columns": 6} if setting.kind == "maze" else {}
+    return replace(setting, parameters=parameters, time_limit=5.0, peers=1)
 
 
 @pytest.mark.slow
 def test_all_routes_plan_and_are_verified():
-    """On two problems of Panda every route but OMPL's ordinary one verifies a path; the page holds them all."""
-    small = contest(problems=2, ordinary=1, seed=1001)
-    small = replace(small, robots={"panda": small.robots["panda"]})
-    trials = arm_trials(small)
-    routes = ["ours, projection", "ours, atlas", "ours, tangent bundle", ORDINARY, "OMPL, our constraint and checker"]
-    assert trials["route"].unique().tolist() == routes
-    assert (trials.groupby("route").size() == [1 if r == ORDINARY else 2 for r in sorted(routes)]).all()
-    assert trials[trials["route"] != ORDINARY]["verified"].all()
-    assert (trials["violation"].dropna() < 1e-3).all()
-    page = arms_page(trials, trials, small, "the command")
-    assert all(route in page for route in routes) and "the command" in page
+    """Ours verify what they claim, OMPL with our constraint solves upright transport, and the page holds all routes."""
+    few = contest(tasks=2, seed=1001)
+    chosen = ("transport_panda", "door_panda", "maze")
+    families = {label: small(few.families[label]) for label in chosen}
+    few = replace(few, families=families, tried_families=[])
+    trials = arm_trials(few)
+    ours = trials[trials["route"].str.startswith("ours")]
+    assert set(ours["family"]) == set(few.families) and ours["verified"].mean() > 0.8
+    assert (ours["verified"] == ours["claimed"]).all() and (trials["violation"].dropna() < 1.01e-3).all()
+    assert trials[(trials["family"] == "transport_panda") & (trials["route"] == OMPL_OURS)]["claimed"].all()
+    assert (trials[trials["route"] == ORDINARY].groupby("family").size() == 1).all()
+    page = arms_page(trials, trials, UPKEPT, few, "the command")
+    assert all(route in page for route in trials["route"].unique()) and "the command" in page
+    assert all(f"### {label}" in page for label in few.families) and "as it was" in page
+
+
+def test_variants_change_one_thing():
+    """What was tried plans tasks of its own seed with one thing changed: more checks where walks are checked finer."""
+    few = contest(tasks=2, tried_families=["transport_panda"])
+    finer = "walks checked at 0.01 rad"
+    few = replace(few, tried={finer: few.tried[finer]})
+    trials = tried_trials(few)
+    assert trials["route"].unique().tolist() == ["as chosen", finer]
+    checks = trials.groupby("route")["checks"].median()
+    assert checks[finer] > 2 * checks["as chosen"]
+
+
+def test_soak_of_a_few(tmp_path):
+    """A shard has a row per task, method and seed, verified raw and shortened; the page counts what the rows say."""
+    config = load(compose("soak").soak, Soak)
+    families = {label: small(config.families[label]) for label in ("door_panda", "maze")}
+    soak = replace(config, families=families, loads={label: Load(2, 2, 20_000) for label in families}, shard=1)
+    shards = soak.shards()
+    assert [name for name, _ in shards] == ["door_panda-0", "door_panda-1", "maze-0", "maze-1"]
+    rows = pd.concat([soak_shard(soak, item) for _, item in shards], ignore_index=True)
+    assert len(rows) == 2 * 2 * 3 + 2 * 2
+    again = soak_shard(soak, shards[0][1])
+    pd.testing.assert_frame_equal(again, rows[: len(again)])  # the same paths come out again
+    assert rows["solved"].sum() > 12 and not wrong(rows)
+    assert (rows["short_length"].dropna() <= rows["length"].dropna() + 1e-9).all()
+    table = soak_table(rows)
+    assert table.iloc[-1]["paths"] == rows["solved"].sum() and table.iloc[-1]["wrong paths"] == 0
+    spoilt = rows.assign(reason=["collision", *rows["reason"][1:]])
+    assert len(wrong(spoilt)) == 1 and soak_table(spoilt).iloc[-1]["wrong paths"] == 1
+    page = soak_page(spoilt, soak, "the command")
+    assert ": 1 wrong." in page and "## Wrong" in page and ": 0 wrong." in soak_page(rows, soak, "the command")
+
+
+def test_upkeep_measures_what_it_says():
+    """Checks and projections cost microseconds, the memory is a process', and overruns are not negative."""
+    few = contest()
+    families = {"transport_panda": few.families["transport_panda"]}
+    found = maintain(Upkeep(200, 5, 20, [0.001], 2), families, 3)
+    assert found.costs["part"].tolist()[0] == "check, free, 5 obstacles" and len(found.costs) == 3
+    assert (found.costs["n"].iloc[:2].sum() <= 200) and found.costs["median [us]"].between(0.5, 1000).all()
+    assert "MB resident after 2 plans" in found.memory
+    assert (found.overruns["overrun largest [ms]"] >= 0).all() and found.overruns["n"].tolist() == [2]
 
 
 def synthetic() -> pd.DataFrame:
@@ -73,7 +109,7 @@ def synthetic() -> pd.DataFrame:
             passed = route != "peer" or problem % 2 == 0
             told = {"claimed": True, "verified": passed, "reason": "" if passed else "collision"}
             counts = {"violation": 5e-4, "checks": 100, "projections": 50}
-            names = {"robot": "panda", "route": route, "problem": problem}
+            names = {"family": "transport_panda", "route": route, "task": problem}
             rows.append({**names, "time": scale * (problem + 1) / 1000, "length": scale + problem, **told, **counts})
     return pd.DataFrame(rows)
 
@@ -84,12 +120,12 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert tuple(arm_table(synthetic()).columns) == TABLE
     assert table.loc["peer", "verified [%]"] == 50 and table.loc["ours, projection", "verified [%]"] == 100
     assert table.loc["ours, projection", "time median [ms]"] == pytest.approx(5.5)
-    assert table.loc["peer", "length median [rad]"] == pytest.approx(14)
-    (line,) = ratio_lines(synthetic(), "ours, projection")
-    assert line.startswith("panda: 10x faster than peer at the median, 10x at p95, n = 10")
+    assert table.loc["peer", "length median"] == pytest.approx(14)
+    (line,) = ratio_lines(synthetic())
+    assert line.startswith("transport_panda: 10x faster than peer at the median, 10x at p95, n = 10")
     assert "passes 50 % of its trials and 100 % of ours" in line
-    assert "| panda | peer" not in arms_page(synthetic(), synthetic(), contest(), "c")
-    assert "collision" in arms_page(synthetic(), synthetic(), contest(), "c")
+    page = arms_page(synthetic(), synthetic(), UPKEPT, contest(), "c")
+    assert "| transport_panda | peer" in page and "collision" in page and "### door_panda" not in page
 
 
 def test_missing_roboplan_is_named(monkeypatch):
@@ -107,12 +143,31 @@ def test_missing_roboplan_is_named(monkeypatch):
 
 
 def test_bad_contests_are_refused():
-    """No problem, more ordinary ones than there are, and robots without a station are refused."""
+    """No task, no family, a measured seed for settings, families and loads that do not fit are refused."""
+    setting = contest().families["transport_panda"]
     for changes, message in (
-        ({"problems": 0}, "problems is 0"),
-        ({"ordinary": 41}, "ordinary is 41"),
-        ({"robots": {}}, "without a station"),
+        ({"tasks": 0}, "tasks is 0"),
+        ({"families": {}, "tried_families": []}, "no family"),
         ({"tried_seed": 0}, "tried_seed is 0"),
+        ({"tried_families": ["door"]}, "'door'; there are transport_panda"),
     ):
         with pytest.raises(ConfigError, match=message):
             contest(**changes)
+    for changes, message in (
+        ({"kind": "dor"}, "'dor'; choices"),
+        ({"adherences": {}}, "no adherence"),
+        ({"margin": -1.0}, "margin is -1"),
+        ({"time_limit": 0.0}, "time_limit is 0"),
+        ({"ompl_delta": 0.0}, "ompl_delta is 0"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            replace(setting, **changes)
+    soak = load(compose("soak").soak, Soak)
+    for changes, message in (({"loads": {}}, "the families are"), ({"shard": 0}, "shard is 0")):
+        with pytest.raises(ConfigError, match=message):
+            replace(soak, **changes)
+    for load_, message in ((lambda: Load(0, 1, 1), "tasks is 0"), (lambda: Load(1, 1, 0), "max_iterations is 0")):
+        with pytest.raises(ConfigError, match=message):
+            load_()
+    with pytest.raises(ConfigError, match="at least 20"):
+        Upkeep(1, 1, 5, [0.1], 1)

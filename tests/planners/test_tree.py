@@ -72,3 +72,17 @@ def test_removed_nodes_are_out_of_reach():
             assert tree.path(i)[1][-1] == i and not below & set(tree.path(i)[1])
     assert all(node not in children for children in tree.children)
     assert tree.add(0, np.ones((1, 3))) == 151  # indices are not used again
+
+
+def test_nearest_of_many_is_brute_force():
+    """For batches of queries nodes and distances are those of brute force, as the tree grows and after removals."""
+    rng, tree = np.random.default_rng(5), Tree(np.zeros(3))
+    for round_ in range(8):
+        grow(rng, tree, 150)
+        if round_ == 5:
+            tree.remove(int(rng.integers(1, 100)))
+        Q = rng.normal(size=(40, 3))
+        nodes, distances = tree.nearest_of(Q)
+        everything = np.linalg.norm(np.array([tree[i] for i in range(len(tree))])[None] - Q[:, None], axis=2)
+        np.testing.assert_array_equal(nodes, np.argmin(everything, axis=1))
+        np.testing.assert_allclose(distances, np.nanmin(everything, axis=1))

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pipeline.constraints import TaskSpaceRegion, upright
-from pipeline.problems.inverse import InverseKinematics, at_pose, in_region, with_values
+from pipeline.constraints.inverse import InverseKinematics, at_pose, in_region, with_values
 from pipeline.robots import Placement
 from tests.robots.named import named
 

@@ -6,7 +6,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from pipeline.constraints import Constraint, TaskSpaceRegion, compiled
+from pipeline.constraints.base import Constraint
+from pipeline.constraints.compiled import compiled
+from pipeline.constraints.regions import TaskSpaceRegion
 from pipeline.robots import Robot
 from pipeline.robots.symbolic import constant, rotation_vector
 

@@ -1,0 +1,90 @@
+"""Reaching while balanced: Pholus on four feet, hands among shelves (after generative_manifolds.txt)."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from pipeline.constraints import balanced, feet_on_ground
+from pipeline.environments.furniture import box, random_object
+from pipeline.environments.task import Pinned, Task, two_ends
+from pipeline.errors import ConfigError, ProblemError
+from pipeline.robots import Obstacle, Robot, Validity
+
+FEET = tuple(f"contact_{i}" for i in range(1, 5))
+_MARGIN = 0.02  # of the centre of mass to the edges of the support polygon [m]
+_NEAR = 0.02  # start and goal keep this from obstacles [m], so that no planner's margin forbids them
+_SPREAD = 0.8  # of the joints after the legs, about rest [rad]
+_LEGS = 0.15  # of the base and the legs [m and rad]
+_LEAST = 2.0  # start and goal are at least this far apart [rad]
+_TRIES = 200  # times twenty random configurations
+_HAND = ((0.45, -0.7, 0.5), (1.1, 0.2, 1.4))  # where the hand begins and ends: bounds of x, y, z [m]
+
+
+class BalancedReach:
+    """Tasks of a robot that stands as it does at rest: its hand moves between places in front of it.
+
+    Args:
+        robot: Pholus, with the base's six virtual joints first, then the legs, then torso and arms.
+
+    Raises:
+        ConfigError: a robot without the feet, or without a configuration of rest.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        if robot.rest is None or not all(robot.model.existFrame(frame) for frame in FEET):
+            raise ConfigError(f"{robot.name!r} cannot stand: it needs {', '.join(FEET)} and a rest configuration")
+        self.robot = robot
+        contacts = {frame: robot.pose(robot.rest, frame).translation for frame in FEET}
+        self.contacts = np.array(list(contacts.values()))
+        self.says = tuple(Pinned(frame, tuple(float(c) for c in point)) for frame, point in contacts.items())
+        self.constraint = feet_on_ground(robot, contacts)
+        self.balance = balanced(robot, self.contacts.tolist(), _MARGIN)
+        upper_body = [joint.startswith(("torso", "j_arm")) for joint in robot.joint_names]
+        self.rest: np.ndarray = robot.rest
+        self._spread = np.where(upper_body, _SPREAD, _LEGS)
+
+    def task(self, seed: int, number: int) -> Task:
+        """See `Family`."""
+        robot, data, tool = self.robot, self.robot.model.createData(), self.robot.frame_id(self.robot.tool)
+        for attempt in range(20):
+            rng = np.random.default_rng([seed, number, attempt])
+            obstacles = tuple(_scene(rng))
+            validity = Validity(robot, obstacles, _NEAR, 0.0, conditions=(self.balance.kept(_NEAR),))
+
+            def fits(q: np.ndarray, validity: Validity = validity) -> bool:
+                pin.forwardKinematics(robot.model, data, q)
+                hand = pin.updateFramePlacement(robot.model, data, tool).translation
+                return bool((hand > _HAND[0]).all() and (hand < _HAND[1]).all() and validity.free(q))
+
+            ends = two_ends(partial(self._draw, rng), fits, _LEAST, _TRIES)
+            if ends is not None:
+                name, conditions = f"reach {number}", (self.balance,)
+                return Task(name, robot, self.constraint, obstacles, *ends, self.says, conditions=conditions)
+        raise ProblemError(f"no start and goal were found for balanced reach {number}, seed {seed}")
+
+    def _draw(self, rng: np.random.Generator) -> np.ndarray:
+        robot = self.robot
+        near = np.clip(self.rest + self._spread * rng.normal(size=(20, robot.dimension)), robot.lower, robot.upper)
+        Q, converged = self.constraint.project_batch(near, 15)
+        return Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
+
+
+def _scene(rng: np.random.Generator) -> Iterator[Obstacle]:
+    """A shelf of two boards in front, with objects on them, and posts beside it."""
+    x, y, turn = rng.uniform(0.85, 1.05), rng.uniform(-0.5, 0.1), rng.uniform(-0.3, 0.3)
+    heights = np.array([rng.uniform(0.5, 0.7), rng.uniform(1.0, 1.2)])
+    for k, height in enumerate(heights):
+        yield box(f"board {k}", (x, y, height), (0.4, 0.9, 0.03), turn)
+    for i in range(int(rng.integers(5, 13))):
+        along, across = rng.uniform(-0.4, 0.4), rng.uniform(-0.15, 0.15)
+        spot = (
+            x + across * np.cos(turn) - along * np.sin(turn),
+            y + across * np.sin(turn) + along * np.cos(turn),
+            heights[i % 2] + 0.015,
+        )
+        yield random_object(rng, f"object {i}", spot, (0.06, 0.25))
+    for k, side in enumerate((-1.0, 1.0)):
+        post = (rng.uniform(0.5, 0.8), y + side * rng.uniform(0.75, 0.95), 0.7)
+        yield box(f"post {k}", post, (0.06, 0.06, 1.4))

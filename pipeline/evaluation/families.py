@@ -1,0 +1,98 @@
+"""A family of tasks with everything it is planned and verified with: what benchmarks and the soak test run over."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pipeline.environments.families import KINDS, make_family
+from pipeline.environments.task import Family, Task
+from pipeline.errors import ConfigError, require
+from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
+from pipeline.manifolds import Adherence, make_adherence
+from pipeline.planners import PLANNERS, PlanResult, Problem, Termination
+from pipeline.robots import ROBOTS, Robot, UrdfRobot
+from pipeline.samplers.choices import make_sampler
+from pipeline.schema import Choice
+
+
+@dataclass(frozen=True)
+class Setting:
+    """See conf/family.
+
+    Attributes:
+        kind: of the family.
+        robot: as in conf/robot; None for mazes.
+        adherences: ours, by name.
+        planner, sampler: ours.
+        margin: ours, to obstacles [m]; peers plan without.
+        time_limit: of every plan of a benchmark [s].
+        ompl_delta: step of OMPL's walks, at which it checks collisions [rad or m].
+        peers: how many tasks OMPL's routes plan: in some families each runs into the time limit.
+        verifier: bounds of the check.
+        parameters: of mazes.
+    """
+
+    kind: str
+    robot: Choice | None
+    adherences: dict[str, Choice]
+    planner: Choice
+    sampler: Choice
+    margin: float
+    time_limit: float
+    ompl_delta: float
+    peers: int
+    verifier: VerifierParameters
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ConfigError(f"family is {self.kind!r}; choices: {', '.join(KINDS)}")
+        if not self.adherences:
+            raise ConfigError(f"family {self.kind!r} has no adherence method")
+        require("time_limit", self.time_limit, above=0, unit=" s")
+        require("margin", self.margin, at_least=0, unit=" m")
+        require("peers", self.peers, at_least=0)
+        require("ompl_delta", self.ompl_delta, above=0)
+
+    def description(self) -> UrdfRobot | None:
+        """Return what the robot is made of; None for mazes."""
+        made: UrdfRobot | None = None if self.robot is None else self.robot.make(ROBOTS, "robot")
+        return made
+
+    def family(self) -> Family:
+        """Return the family; building the robot and its constraint takes up to a second."""
+        made = self.description()
+        robot: Robot | None = None if made is None else made.robot()
+        return make_family(self.kind, robot, self.parameters)
+
+    def verdict(self, task: Task, path: np.ndarray) -> Verdict:
+        """Return the verifier's verdict on a path (T, n), without margin."""
+        return verify(path, task.start, task.goal, task.constraint, task.validity(), self.verifier)
+
+
+class Ours:
+    """Our planner with one adherence method, over the tasks of a family.
+
+    Args:
+        setting: of the family.
+        adherence: the method.
+    """
+
+    def __init__(self, setting: Setting, adherence: Choice) -> None:
+        self.setting, self.adherence = setting, adherence
+        self._planner = setting.planner.make(PLANNERS, "planner")
+        self._space: Adherence | None = None
+
+    def space(self, task: Task) -> Adherence:
+        """Return the manifold of a task; that of the last one in another scene where the constraint is the same."""
+        validity = task.validity(self.setting.margin)
+        if self._space is None or self._space.constraint is not task.constraint:
+            self._space = make_adherence(self.adherence, task.constraint, validity)
+        self._space.reset(validity)
+        return self._space
+
+    def plan(self, task: Task, termination: Termination, seed: int) -> PlanResult:
+        """Plan a task; making the checker and the manifold is left out of the planning time."""
+        asked = Problem(self.space(task), task.start, task.goal)
+        return self._planner.plan(asked, make_sampler(self.setting.sampler), termination, seed)

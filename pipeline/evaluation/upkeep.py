@@ -1,0 +1,155 @@
+"""What planning for arms costs beside the planning time: checks, projections, memory, overrun of time limits."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.environments.task import Task
+from pipeline.errors import ConfigError, require
+from pipeline.evaluation.families import Ours, Setting
+from pipeline.evaluation.statistics import summary
+from pipeline.planners import Termination
+
+_BLOCK = 50  # calls timed together: one is as short as reading the clock
+
+
+@dataclass(frozen=True)
+class Upkeep:
+    """What is measured.
+
+    Attributes:
+        calls: of a collision check, and random configurations to project.
+        obstacles: of the first task that checks are made among.
+        plans: one after the other, for the memory.
+        limits: time limits of plans [s].
+        limited: plans per family and limit.
+    """
+
+    calls: int
+    obstacles: int
+    plans: int
+    limits: list[float]
+    limited: int
+
+    def __post_init__(self) -> None:
+        for name in ("calls", "obstacles", "plans", "limited"):
+            require(f"upkeep.{name}", getattr(self, name), at_least=1)
+        if self.plans < 20:
+            raise ConfigError(f"upkeep.plans is {self.plans}; a trend of the memory needs at least 20")
+        for limit in self.limits:
+            require("upkeep.limits", limit, above=0, unit=" s")
+
+
+@dataclass(frozen=True)
+class Maintained:
+    """What `maintain` found: tables of costs and overruns, a line on the memory, and how many calls were asked for."""
+
+    costs: pd.DataFrame
+    memory: str
+    overruns: pd.DataFrame
+    calls: int
+
+
+def maintain(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> Maintained:
+    """Measure everything; the memory with the first family."""
+    label = next(iter(families))
+    memory = memory_line(upkeep, label, families[label], seed)
+    costs = costs_table(upkeep, families, seed)
+    return Maintained(costs, memory, overrun_table(upkeep, families, seed), upkeep.calls)
+
+
+def costs_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd.DataFrame:
+    """Return what checks and projections cost, a row each [us]; families without a robot are left out."""
+    rows = []
+    for label, setting in families.items():
+        if setting.robot is None:
+            continue
+        task = setting.family().task(seed, 0)
+        robot, constraint = task.robot, task.constraint
+        few = replace(task, obstacles=tuple(o for o in task.obstacles[: upkeep.obstacles]), touching=())
+        validity = few.validity(setting.margin)
+        Q = _near(task, np.random.default_rng(seed), upkeep.calls)
+        free = np.array([validity.free(q) for q in Q])
+        for name, group in (("check, free", Q[free]), ("check, colliding", Q[~free])):
+            rows.append((label, f"{name}, {len(few.obstacles)} obstacles", *_timed(validity.free, group)))
+        random = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (upkeep.calls, robot.dimension))
+        reached = constraint.project_batch(random)[1]
+        blocks = [random[i : i + _BLOCK] for i in range(0, len(random), _BLOCK)]
+        times = []
+        for block in blocks:
+            begin = time.perf_counter()
+            constraint.project_batch(block)
+            times.append(1e6 * (time.perf_counter() - begin) / len(block))
+        name = f"projection of a random configuration ({100 * reached.mean():.3g} % converge)"
+        found = summary(np.array(times))
+        rows.append((label, name, len(random), found.median, found.p95))
+    return pd.DataFrame(rows, columns=["family", "part", "n", "median [us]", "p95 [us]"])
+
+
+def memory_line(upkeep: Upkeep, label: str, setting: Setting, seed: int) -> str:
+    """Plan many tasks one after the other and say how resident memory grew."""
+    family, ours = setting.family(), Ours(setting, next(iter(setting.adherences.values())))
+    tasks = [family.task(seed, number) for number in range(20)]
+    warm = upkeep.plans // 10
+    sizes = []
+    for number in range(upkeep.plans + warm):
+        ours.plan(tasks[number % len(tasks)], Termination(time_limit=setting.time_limit), number)
+        if number >= warm - 1:
+            sizes.append(_resident())
+    return (
+        f"{label}: {sizes[0]:.1f} MB resident after {warm} plans, {sizes[-1]:.1f} MB after {upkeep.plans} more, "
+        f"at most {max(sizes):.1f} MB"
+    )
+
+
+def overrun_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd.DataFrame:
+    """Return by how much plans exceed short time limits, a row per family and limit [ms]."""
+    rows = []
+    for label, setting in families.items():
+        family, ours = setting.family(), Ours(setting, next(iter(setting.adherences.values())))
+        tasks = [family.task(seed, number) for number in range(upkeep.limited)]
+        for limit in upkeep.limits:
+            over, solved = [], 0
+            for number, task in enumerate(tasks):
+                result = ours.plan(task, Termination(time_limit=limit), number)
+                solved += result.solved
+                over.append(1e3 * max(result.planning_time - limit, 0.0))
+            rows.append((label, 1e3 * limit, len(tasks), solved, float(np.median(over)), max(over)))
+    columns = ["family", "limit [ms]", "n", "solved", "overrun median [ms]", "overrun largest [ms]"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _near(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Configurations of the manifold (m, n) a few steps from start and goal, where planning checks."""
+    robot = task.robot
+    ends = np.stack([task.start, task.goal])[rng.integers(2, size=count)]
+    Q = np.clip(ends + 0.3 * rng.normal(size=ends.shape), robot.lower, robot.upper)
+    found, converged = task.constraint.project_batch(Q)
+    return found[converged & ((found >= robot.lower) & (found <= robot.upper)).all(axis=1)]
+
+
+def _timed(call: Callable[[np.ndarray], Any], Q: np.ndarray) -> tuple[int, float, float]:
+    times = []
+    for first in range(0, len(Q), _BLOCK):
+        block = list(Q[first : first + _BLOCK])
+        begin = time.perf_counter()
+        for q in block:
+            call(q)
+        times.append(1e6 * (time.perf_counter() - begin) / len(block))
+    if not times:
+        return 0, np.nan, np.nan
+    found = summary(np.array(times))
+    return len(Q), found.median, found.p95
+
+
+def _resident() -> float:
+    """Resident memory of this process [MB]."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024
+    return np.nan
