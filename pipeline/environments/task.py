@@ -72,7 +72,7 @@ class Task:
     conditions: tuple[Condition, ...] = ()
 
     def validity(self, margin: float = 0.0) -> Validity:
-        """Return the checker that keeps `margin` [m] from obstacles and conditions, none from the robot's own bodies."""
+        """Return the checker that keeps `margin` [m] from obstacles and conditions, none from the own bodies."""
         conditions = [condition.kept(margin) for condition in self.conditions]
         return Validity(self.robot, self.obstacles, margin, 0.0, self.touching, conditions)
 

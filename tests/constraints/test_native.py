@@ -1,5 +1,7 @@
 """Machine code gives CasADi's results to the bit, is compiled once, and is done without where it cannot be had."""
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -34,7 +36,7 @@ def test_walks_and_projections_are_the_same_to_the_bit():
     for one, other in zip(plain, machine_, strict=True):
         np.testing.assert_array_equal(one, other)
     on = plain[0][plain[1]]
-    for q_from, q_to in zip(on[:-1], on[1:], strict=True):
+    for q_from, q_to in pairwise(on):
         walks = [space.traverse(q_from, q_to) for space in spaces]
         assert walks[0].stop == walks[1].stop
         np.testing.assert_array_equal(walks[0].states, walks[1].states)

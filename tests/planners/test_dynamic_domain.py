@@ -47,9 +47,8 @@ def test_fewer_walks_than_without():
         problem, UniformSampler(), Termination(max_iterations=20_000), 0
     )
     assert found.solved and found.counters.traversals < usual.counters.traversals / 2
-    space = problem.adherence
-    bounds = VerifierParameters(step=0.002, leap=0.3)
-    assert verify(found.path, problem.start, problem.goal, space.constraint, space.validity, bounds).passed
+    task, bounds = Mazes(6, 10).task(5, 0), VerifierParameters(step=0.002, leap=0.3)
+    assert verify(found.path, task.start, task.goal, task.constraint, task.validity(), bounds).passed
 
 
 def test_the_same_seed_is_the_same_path():
