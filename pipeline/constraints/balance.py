@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.constraints.base import Constraint
@@ -46,8 +47,12 @@ def balanced(robot: Robot, contacts: Sequence[Sequence[float]], margin: float = 
             f"the {len(points)} contacts span no polygon: three that are not on a line are needed"
         ) from None
     normals, offsets = hull.equations[:, :2], hull.equations[:, 2]  # outward; inside where normal @ p + offset < 0
-    if (normals @ points[:, :2].mean(axis=0) + offsets + margin >= 0).any():
-        raise ConstraintError(f"a margin of {margin} m leaves nothing of the support polygon's middle")
+    # The largest circle inside: max r with normals @ p + r <= -offsets.
+    circle = linprog([0, 0, -1], np.column_stack([normals, np.ones(len(normals))]), -offsets, bounds=(None, None))
+    if margin >= circle.x[2]:
+        raise ConstraintError(
+            f"a margin of {margin} m leaves nothing of the polygon: no more than {circle.x[2]:.4g} m fit into it"
+        )
     q = ca.SX.sym("q", robot.dimension)
     com = robot.symbolic_centre_of_mass(q)
     slack = -(ca.DM(normals) @ com[:2] + ca.DM(offsets)) - margin

@@ -95,6 +95,7 @@ class Constraint:
             self._machine = True
             for name in ("_step_block", "_value_block"):
                 self.__dict__.pop(name, None)  # those made before
+                getattr(self, name)  # compiled now, not within the time limit of the first plan
 
     def newton(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return F(q) and the next iterate q - J(q)^+ F(q) (Algorithm 1, line 6) as expressions."""

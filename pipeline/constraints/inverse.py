@@ -74,6 +74,7 @@ class InverseKinematics:
         rows = ca.vertcat(constraint.function(q), target(q))
         self._rows = compiled("rows", [q], [rows, ca.jacobian(rows, q).T])
         self.robot, self.constraint = robot, constraint
+        self.nearest: tuple[float, float] | None = None  # of all tries: ||rows|| of the target, and of the constraint
 
     def solve(self, start: np.ndarray) -> np.ndarray | None:
         """Return a configuration (n,) on the manifold, found from `start`; None without convergence."""
@@ -84,6 +85,7 @@ class InverseKinematics:
             J = JT.reshape(len(F), -1)
             if np.linalg.norm(F[:k]) < self.constraint.tolerance / 2 and np.linalg.norm(F[k:]) < _TARGET_TOLERANCE:
                 return q
+            self._remember(float(np.linalg.norm(F[k:])), float(np.linalg.norm(F[:k])))
             try:
                 step = -J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(len(F)), F)
             except np.linalg.LinAlgError:
@@ -91,6 +93,11 @@ class InverseKinematics:
             size = float(np.linalg.norm(step))
             q = np.clip(q + step * min(1.0, _LONGEST / max(size, 1e-12)), robot.lower, robot.upper)
         return None
+
+    def _remember(self, target: float, constraint: float) -> None:
+        """Keep how near a try came, for messages: to the target, among configurations about on the manifold."""
+        if self.nearest is None or max(target, constraint) < max(self.nearest):
+            self.nearest = target, constraint
 
     def solutions(self, rng: np.random.Generator, tries: int, near: np.ndarray | None = None) -> Iterator[np.ndarray]:
         """Yield configurations (n,); every other try starts near `near`, at first exactly there, the rest anywhere."""

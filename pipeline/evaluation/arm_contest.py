@@ -17,10 +17,9 @@ from pipeline.evaluation.families import Ours, Setting
 from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
 from pipeline.evaluation.roboplan_peer import RoboplanParameters, RoboplanPeer, load_roboplan
 from pipeline.evaluation.statistics import summary
-from pipeline.manifolds import make_adherence
+from pipeline.manifolds import dense, make_adherence
 from pipeline.planners import Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
-from pipeline.problems.solve import dense
 from pipeline.schema import Choice
 
 log = logging.getLogger(__name__)

@@ -1,7 +1,7 @@
 """The soak test: thousands of planned paths through the verifier, at five times the resolution of planning."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,7 @@ class Soak:
         loads: of each family.
         seed: of tasks and plans; not one that settings were chosen on or that is measured.
         shortcuts: tried on every path; the shorter path is verified as well.
+        adherence: parameters of every method that differ from the family's.
         shard: tasks per shard.
     """
 
@@ -48,6 +49,7 @@ class Soak:
     loads: dict[str, Load]
     seed: int
     shortcuts: int
+    adherence: dict[str, Any]
     shard: int
 
     def __post_init__(self) -> None:
@@ -70,7 +72,10 @@ def soak_shard(soak: Soak, item: tuple[str, range]) -> pd.DataFrame:
     label, numbers = item
     setting, load, rows = soak.families[label], soak.loads[label], []
     family = setting.family()
-    routes = {name: Ours(setting, choice) for name, choice in setting.adherences.items()}
+    routes = {
+        name: Ours(setting, replace(choice, parameters={**choice.parameters, **soak.adherence}))
+        for name, choice in setting.adherences.items()
+    }
     for number in numbers:
         task = family.task(soak.seed, number)
         for name, ours in routes.items():

@@ -7,6 +7,7 @@ from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, AdherenceParameters, Counters, Refined, Stop, Traversal
 from pipeline.manifolds.continuation import AtlasAdherence, TangentBundleAdherence
 from pipeline.manifolds.projection import ProjectionAdherence
+from pipeline.manifolds.waypoints import dense
 from pipeline.robots import Validity
 from pipeline.schema import Choice
 
@@ -46,5 +47,6 @@ __all__ = [
     "Stop",
     "TangentBundleAdherence",
     "Traversal",
+    "dense",
     "make_adherence",
 ]

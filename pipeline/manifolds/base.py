@@ -19,6 +19,7 @@ import numpy as np
 
 from pipeline.constraints import Compiled, Constraint
 from pipeline.errors import ConfigError, require
+from pipeline.manifolds.certificate import Certificate
 from pipeline.robots import Validity
 
 _SIXTEENTHS = (8, 4, 12, 2, 6, 10, 14, *range(1, 16, 2))  # of an edge: its middle, farthest from both free ends, first
@@ -97,6 +98,8 @@ class AdherenceParameters:
         refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
             finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
             is then not checked again.
+        certified: hold a found path to be free only where that is certain between its states too, by bounds on how far
+            bodies travel (see `Certificate`); otherwise the states at `refinement` are looked at.
         native: evaluate steps and projections as machine code where a C compiler is found, with the same results;
             compiling takes seconds, once for each robot, constraint and parameters.
     """
@@ -109,6 +112,7 @@ class AdherenceParameters:
     resolution: float = 0.01
     lookahead: int = 8
     refinement: float | None = None
+    certified: bool = False
     native: bool = False
 
     def __post_init__(self) -> None:
@@ -157,6 +161,7 @@ class Adherence(ABC):
         rows = list(enumerate(self._shares, start=1))  # of a chord, see `_chord`
         self._near = [row for row, share in rows if share < 0.5]  # the half at the state where it begins
         self._far = [row for row, share in rows if share >= 0.5]
+        self._certificate: Certificate | None = None
         self._look(validity)
 
     @property
@@ -182,10 +187,13 @@ class Adherence(ABC):
         # A condition holds where it holds: no margin says so of the surroundings.
         useful = travel is not None and len(self._shares) > 0 and not validity.conditions
         self._wide = validity.widened((travel or 0.0) * self._vouched / 2) if useful else None
+        if self.parameters.certified and (self._certificate is None or self._certificate.validity is not validity):
+            self._certificate = Certificate(validity)
         self._checks_before = self._checks()
 
     def _checks(self) -> int:
-        return self.validity.checks + (self._wide.checks if self._wide else 0)
+        others = (self._wide, self._certificate)
+        return self.validity.checks + sum(other.checks for other in others if other is not None)
 
     @abstractmethod
     def traverse(
@@ -306,6 +314,11 @@ class Adherence(ABC):
         low = np.minimum(self.lower + _FROM_LIMITS, np.minimum(states[0], states[-1]))
         high = np.maximum(self.upper - _FROM_LIMITS, np.maximum(states[0], states[-1]))
         sound &= ((points >= low) & (points <= high)).all(axis=1)
+        if self._certificate is not None:
+            end = len(points) if sound.all() else int(np.argmin(sound))
+            gap = self._certificate.first_gap(np.concatenate([states[:1], points[:end]]))
+            failed = gap if gap is not None else end
+            return Refined(states, None if failed == len(points) else int(segment[failed]))
         known = np.zeros(len(points), bool)
         if parameters.refinement is not None:
             known[last - 1] = (states[1:] == given[1:]).all(axis=1)

@@ -116,7 +116,7 @@ class _Finder:
             feasible(self.constraint, self.robot.lower, self.robot.upper, self.rng)  # names the rows that cannot be met
             raise ProblemError(
                 f"{name}: inverse kinematics found no configuration there that is within the joint limits and on "
-                f"the manifold {self.constraint.name!r}, in {tries} tries"
+                f"the manifold {self.constraint.name!r}, in {tries} tries; the nearest is {_off(inverse.nearest)}"
             )
         if not found:
             raise ProblemError(
@@ -137,6 +137,13 @@ class _Finder:
             if joint not in names:
                 raise ProblemError(unknown(f"{name} names a joint that {self.robot.name!r} lacks:", joint, names))
         return with_values([(names.index(joint), value) for joint, value in values.items()])
+
+
+def _off(nearest: tuple[float, float] | None) -> str:
+    """Say how far off a try of inverse kinematics is."""
+    if nearest is None:
+        return "none"
+    return f"{nearest[0]:.3g} (m and rad) from the target and ||F|| = {nearest[1]:.3g} from the manifold"
 
 
 def _beside(address: str, folder: Path) -> str:

@@ -17,6 +17,8 @@ from pipeline.schema import Choice, convert
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 
+_FAR = 100.0  # [m] beyond which obstacles are held to be given in another unit
+
 
 @dataclass(frozen=True)
 class Body:
@@ -53,6 +55,12 @@ class Body:
         if self.shape in (Shape.MESH, Shape.OCTREE) and not self.file:
             raise ProblemError(f"{self.shape.value} {self.name!r} has no file")
         pose = Placement(self.xyz, self.rpy).se3()
+        lengths = [*map(abs, self.xyz), *(size if self.shape is not Shape.MESH else [])]  # a mesh's size is a scale
+        if max(lengths) > _FAR:
+            raise ProblemError(
+                f"{self.shape.value} {self.name!r} has size {self.size} at {list(self.xyz)}; lengths are metres, "
+                f"at most {_FAR:g}: are these millimetres?"
+            )
         x, y, z, w = (float(part) for part in pin.Quaternion(pose.rotation).coeffs())
         file = str(folder / self.file) if self.file else ""
         points = _points(Path(file)) if self.shape is Shape.OCTREE else None

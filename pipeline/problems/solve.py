@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
-from pipeline.manifolds import Adherence, make_adherence
+from pipeline.manifolds import Adherence, dense, make_adherence
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
@@ -122,22 +122,6 @@ def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step
     goal = built.goals[int(np.argmin(np.linalg.norm(built.goals - path[-1], axis=1)))]
     leap = max(2.0 * spacing, space.parameters.leap * space.parameters.step)
     return verify(path, built.start, goal, built.constraint, built.exact, VerifierParameters(step=step, leap=leap))
-
-
-def dense(space: Adherence, path: np.ndarray, spacing: float) -> np.ndarray:
-    """Return a path (T, n) with states on the manifold put in, so that neighbours are at most about `spacing` apart."""
-    gaps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    pieces = np.maximum(np.ceil(gaps / spacing).astype(int), 1)
-    segment = np.repeat(np.arange(len(pieces)), pieces)
-    first = np.cumsum(pieces) - pieces
-    share = (np.arange(len(segment)) - first[segment]) / pieces[segment]
-    between = share > 0
-    points = path[segment] + share[:, None] * (path[segment + 1] - path[segment])
-    points[between] = space.constraint.project_batch(points[between])[0]
-    inside = np.clip(points, space.lower, space.upper)
-    # A way along a limit bends a hair beyond it; a state that clipping would take off the manifold is left out.
-    kept = ~between | ((space.constraint.value_batch(inside) ** 2).sum(axis=1) < space.constraint.tolerance**2)
-    return np.concatenate([inside[kept], path[-1:]])
 
 
 def timestamps(path: np.ndarray, built: Built, speed: float) -> np.ndarray:

@@ -6,6 +6,7 @@ are switched off, margins and verdicts are pinocchio's (`reports/performance.md`
 """
 
 from collections.abc import Sequence
+from copy import copy
 
 import coal
 import numpy as np
@@ -27,24 +28,35 @@ class BroadPhase:
         bodies = geometry.geometryObjects
         order = sorted(range(len(bodies)), key=lambda i: not bodies[i].parentJoint)  # those that move first
         place = {body: i for i, body in enumerate(order)}
-        moving = sum(1 for body in bodies if body.parentJoint)
-        asked = [
-            (*sorted((place[pair.first], place[pair.second])), margin)
-            for pair, margin in zip(geometry.collisionPairs, margins, strict=True)
-        ]
-        asked.sort(key=lambda pair: pair[1] >= moving)  # pairs that both models have come first, with the same numbers
-        self._model, self._data = model, model.createData()
+        self._moving = sum(1 for body in bodies if body.parentJoint)
+        pairs = [sorted((place[pair.first], place[pair.second])) for pair in geometry.collisionPairs]
+        # Pairs that both models have come first, with the same numbers.
+        self._order = sorted(range(len(pairs)), key=lambda pair: pairs[pair][1] >= self._moving)
+        self._asked = [pairs[pair] for pair in self._order]
+        self._model = model
         self._all, self._mobile = pin.GeometryModel(), pin.GeometryModel()
         for i, body in enumerate(order):
             self._all.addGeometryObject(bodies[body])
-            if i < moving:
+            if i < self._moving:
                 self._mobile.addGeometryObject(bodies[body])
-        for first, second, _ in asked:
+        for first, second in self._asked:
             self._all.addCollisionPair(pin.CollisionPair(first, second))
-            if second < moving:
+            if second < self._moving:
                 self._mobile.addCollisionPair(pin.CollisionPair(first, second))
-        self._placed = self._all.createData()
-        for request, (_, _, margin) in zip(self._placed.collisionRequests, asked, strict=True):
+        self._watch(margins)
+
+    def widened(self, margins: Sequence[float]) -> "BroadPhase":
+        """Return the same pairs with other margins (P,) [m]."""
+        other = copy(self)
+        other._watch(margins)
+        return other
+
+    def _watch(self, margins: Sequence[float]) -> None:
+        """Make placements and managers for margins (P,) [m]."""
+        model, moving = self._model, self._moving
+        sorted_margins = [float(margins[pair]) for pair in self._order]
+        self._data, self._placed = model.createData(), self._all.createData()
+        for request, margin in zip(self._placed.collisionRequests, sorted_margins, strict=True):
             request.security_margin = margin
         pin.updateGeometryPlacements(model, self._data, self._all, self._placed, pin.neutral(model))
         # Both managers take placements and requests from the same data: what moves has the same numbers in both models.
@@ -54,14 +66,15 @@ class BroadPhase:
             manager.update(True)
         self._objects = self._standing.getManager().getObjects()
         self._others = coal.NaiveCollisionManager()
-        reach = max((margin for _, second, margin in asked if second >= moving), default=0.0)
-        for i in range(moving, len(order)):
+        asked = list(zip(self._asked, sorted_margins, strict=True))
+        reach = max((margin for (_, second), margin in asked if second >= moving), default=0.0)
+        for i in range(moving, len(self._objects)):
             self._objects[i].getAABB().expand(reach)  # a box must meet what its shape keeps a margin from
             self._others.registerObject(self._objects[i])
         # Bound once: looking them up costs a tenth of a query.
         self._update, self._collide = self._manager.update, self._manager.getManager().collide
         self._callback = pin.CollisionCallBackDefault(self._all, self._placed, True)
-        self._stuck = any(first >= moving and self._touch(pair) for pair, (first, _, _) in enumerate(asked))
+        self._stuck = any(first >= moving and self._touch(pair) for pair, (first, _) in enumerate(self._asked))
 
     def collides(self, q: np.ndarray) -> bool:
         """True when a pair is nearer than its margin at q (n,)."""

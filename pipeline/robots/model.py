@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import RobotError, unknown
+from pipeline.robots import travel
 from pipeline.robots.symbolic import Pose, constant, joint_pose
 
 
@@ -51,6 +53,12 @@ class Robot:
     def body_names(self) -> tuple[str, ...]:
         """Names of the collision bodies."""
         return tuple(body.name for body in self.geometry.geometryObjects)
+
+    @cached_property
+    def lever_arms(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lever arms of bodies (B, n) and of self-collision pairs (P, n), see `pipeline.robots.travel`."""
+        arms = travel.lever_arms(self)
+        return arms, travel.pair_arms(self, arms)
 
     def frame_id(self, frame: str) -> int:
         """Return pinocchio's number of a frame.

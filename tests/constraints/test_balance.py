@@ -66,11 +66,23 @@ def test_balance_is_part_of_validity():
     assert Validity(robot, []).free(leaning) and not validity.free(leaning)
 
 
+def test_margin_may_be_as_large_as_a_circle_in_the_polygon():
+    """A margin just below the radius of the largest circle leaves its centre, though not the mean of the corners."""
+    robot = standing()[0]
+    balanced(robot, [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.292)
+    balanced(robot, [(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0), (1, 0, 0), (0, 1, 0)], 0.292)
+
+
 MALFORMED = {
     "line": (lambda r: balanced(r, [(0, 0, 0), (1, 1, 0), (2, 2, 0)]), ConstraintError, "span no polygon"),
     "two": (lambda r: balanced(r, [(0, 0, 0), (1, 1, 0)]), ConstraintError, "span no polygon"),
     "flat": (lambda r: balanced(r, [(0, 0), (1, 1), (0, 1)]), ConstraintError, r"shape \(3, 2\)"),
     "margin": (lambda r: balanced(r, [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.5), ConstraintError, "leaves nothing"),
+    "margin beyond the largest circle": (
+        lambda r: balanced(r, [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.294),  # its radius is 1 - 1 / sqrt(2)
+        ConstraintError,
+        "no more than 0.2929 m fit into it",
+    ),
     "negative margin": (
         lambda r: balanced(r, [(0, 0, 0), (1, 0, 0), (0, 1, 0)], -0.1),
         ConfigError,

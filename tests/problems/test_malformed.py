@@ -70,7 +70,7 @@ CASES = {
     "goal out of reach": (
         changed(goal={"pose": {"xyz": [2, 0, 0.3], "rpy": [np.pi, 0, 0]}}),
         ProblemError,
-        "goal: inverse kin",
+        r"goal: inverse kin.* the nearest is 1\.\d+ \(m and rad\) from the target",
     ),
     "goal against the constraint": (
         changed(goal={"pose": {"xyz": [0.5, 0.3, 0.4]}}),
@@ -147,6 +147,8 @@ CASES = {
     "obstacle shape": (changed(obstacles=[{**BOX, "shape": "cone"}]), ConfigError, "shape is 'cone'; choices: box"),
     "obstacle size": (changed(obstacles=[{**BOX, "size": [0.1, -0.1, 0.1]}]), ProblemError, "1 or 3 numbers above 0"),
     "obstacle size of words": (changed(obstacles=[{**BOX, "size": "big"}]), ProblemError, "1 or 3 numbers above 0"),
+    "millimetres": (changed(obstacles=[{**BOX, "size": [100, 100, 400]}]), ProblemError, "are these millimetres"),
+    "far away": (changed(obstacles=[{**BOX, "xyz": [500.0, 0, 0]}]), ProblemError, "are these millimetres"),
     "obstacle pose": (changed(obstacles=[{**BOX, "xyz": [0, 0, float("inf")]}]), ConfigError, "three finite numbers"),
     "mesh without file": (changed(obstacles=[{**BOX, "shape": "mesh"}]), ProblemError, "mesh 'b' has no file"),
     "mesh missing": (

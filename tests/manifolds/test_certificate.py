@@ -1,0 +1,81 @@
+"""Certified paths are free wherever one looks between their states; those that are not fail where they collide."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pipeline.environments.families import make_family
+from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
+from pipeline.manifolds.certificate import Certificate
+from pipeline.robots import Validity
+from tests.robots.named import configurations, named
+from tests.robots.test_arms_validity import spread
+
+
+@pytest.mark.parametrize("name", ["panda", "baxter_right"])
+def test_certified_ways_are_free_everywhere(name):
+    """On straight ways among obstacles a verdict "free" holds at every point; "not free" has a collision.
+
+    The second only up to the margin, by which ways are held to be blocked that just pass.
+    """
+    robot, rng = named(name), np.random.default_rng(0)
+    obstacles = spread(rng, 12, robot)
+    certificate = Certificate(Validity(robot, obstacles, 0.005, 0.005))
+    exact, wider = Validity(robot, obstacles), Validity(robot, obstacles, 0.008, 0.008)
+    free = blocked = 0
+    for q in configurations(robot, rng, 60):
+        other = np.clip(q + 0.25 * rng.normal(size=len(q)), robot.lower, robot.upper)
+        points = np.linspace(q, other, 25)
+        gap = certificate.first_gap(points)
+        verdicts = [exact.free(point) for point in np.linspace(q, other, 481)]
+        if gap is None:
+            free += 1
+            assert all(verdicts)
+        else:
+            blocked += 1
+            assert all(verdicts[: 20 * gap])
+            close = np.linspace(points[gap], points[gap + 1], 60)
+            assert not all(wider.free(point) for point in close)
+    assert free > 5 and blocked > 5
+
+
+def test_conditions_are_asked_at_the_points():
+    """A condition that fails at one point fails the way to it."""
+
+    class Below:
+        def holds(self, q: np.ndarray) -> bool:
+            return bool(q[0] < 0.5)
+
+    robot = named("panda")
+    certificate = Certificate(Validity(robot, (), conditions=[Below()]))
+    points = np.linspace(robot.rest, robot.rest + np.eye(robot.dimension)[0], 41)
+    assert certificate.first_gap(points) == int(np.argmax(points[:, 0] >= 0.5)) - 1
+    assert certificate.first_gap(points[:15]) is None
+
+
+def test_refine_says_where():
+    """`refine` with a certificate names the segment of the first collision, and passes what is free."""
+    task = make_family("transport", named("panda"), {}).task(5, 0)
+    parameters = AdherenceParameters(resolution=0.05, refinement=0.025, certified=True, newton_steps=1)
+    space = ProjectionAdherence(task.constraint, task.validity(0.005), parameters)
+    rng = np.random.default_rng(0)
+    on = space.sample(rng, 200)
+    empty = ProjectionAdherence(task.constraint, Validity(task.robot, (), 0.005, 0.0), parameters)
+    exact, within = task.validity(), task.validity(0.005)
+    passed = failed = 0
+    for q_from, q_to in zip(on[::2], on[1::2], strict=False):
+        walk = empty.traverse(q_from, q_to)
+        if len(walk.states) < 3 or not within.free(q_from):
+            continue
+        states = np.concatenate([q_from[None], walk.states])
+        refined = space.refine(states)
+        dense = [[*np.linspace(a, b, 12)] for a, b in pairwise(states)]
+        verdicts = [all(exact.free(q) for q in piece) for piece in dense]
+        if refined.invalid is None:
+            passed += 1
+            assert all(verdicts)
+        else:
+            failed += 1
+            assert all(verdicts[: refined.invalid])
+    assert passed > 2 and failed > 2
