@@ -35,8 +35,8 @@ def soak_page(rows: pd.DataFrame, soak: Soak, command: str) -> str:
         f"**{planned} planned paths and {paths - planned} shortened ones, {paths} in all, checked at "
         f"{int(rows['states'].sum())} states: {raw + short} wrong.**",
         NOTE,
-        f"Adherence as in the families, but for {escape(str(soak.adherence))}. Seed {soak.seed}; the verifier looks every "
-        f"so many rad or m: {escape(steps)}.",
+        f"Adherence as in the families, but for {escape(str(soak.adherence))}. Seed {soak.seed}. Spacing of the "
+        f"verifier [rad or m]: {escape(steps)}.",
         table(soak_table(rows)),
     ]  # fmt: skip
     if bad:
