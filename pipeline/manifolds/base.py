@@ -98,8 +98,9 @@ class AdherenceParameters:
         refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
             finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
             is then not checked again.
-        certified: hold a found path to be free only where that is certain between its states too, by bounds on how far
-            bodies travel (see `Certificate`); otherwise the states at `refinement` are looked at.
+        certified: look between the states of a found path too, by bounds on how far bodies travel (see `Certificate`);
+            otherwise only the states at `refinement` are looked at. Certain for pairs that keep a margin of some
+            millimetres; without one a graze can be missed (reports/soak.md).
         native: evaluate steps and projections as machine code where a C compiler is found, with the same results;
             compiling takes seconds, once for each robot, constraint and parameters.
     """

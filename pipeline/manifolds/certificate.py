@@ -1,4 +1,4 @@
-"""Whether a path is free everywhere, not at points only: balls around configurations that bodies cannot leave."""
+"""Whether a path is free between its points too: balls around configurations that bodies cannot leave."""
 
 import numpy as np
 
@@ -13,8 +13,8 @@ class Certificate:
 
     A configuration that keeps more distance from everything than bodies can travel within a ball around it vouches for
     that ball, and so for all of a path inside. Balls are made as large as the scene allows; where even a small one does
-    not fit, the path is looked at so closely that the margin to obstacles covers what is between. Conditions are asked
-    at the given points only.
+    not fit, the path is looked at so closely that the margin to obstacles covers what is between. Where pairs have no
+    margin (self-collision, as a rule) that last look can miss a graze. Conditions are asked at the given points only.
 
     Args:
         validity: of the scene.
