@@ -7,11 +7,10 @@ import numpy as np
 from pipeline.constraints import TaskSpaceRegion, chain
 from pipeline.constraints.inverse import InverseKinematics, with_values
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import Joined, Task
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Joined, Task
 from pipeline.errors import ProblemError
 from pipeline.robots import Obstacle, Placement, Robot, Validity, attach
 
-_NEAR = 0.02  # start and goal keep this from obstacles [m], so that no planner's margin forbids them
 _TRIES = 50  # of inverse kinematics for the start, and for the goal
 _WIDEST = 1.3  # a door opens this far [rad]
 _SLACK = 0.05  # a shut door gives way [rad]: it is not on the limit of its hinge
@@ -57,7 +56,7 @@ class DoorOpening:
             robot = attach(door.robot, panel, "door_0")
             obstacles = tuple(_clutter(rng, hinge, side, handle))
             touching = (("panel", "frame"),)
-            validity = Validity(robot, obstacles, _NEAR, 0.0, touching)
+            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF, touching)
             yaw = self.robot.dimension  # the hinge is the first variable of the chain
             shut, *wider = (
                 InverseKinematics(robot, door.constraint, with_values([(yaw, -side * share * opened)]))

@@ -8,13 +8,12 @@ import pinocchio as pin
 
 from pipeline.constraints import balanced, feet_on_ground
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import Pinned, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Pinned, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Robot, Validity
 
 FEET = tuple(f"contact_{i}" for i in range(1, 5))
 _MARGIN = 0.02  # of the centre of mass to the edges of the support polygon [m]
-_NEAR = 0.02  # start and goal keep this from obstacles [m], so that no planner's margin forbids them
 _SPREAD = 0.8  # of the joints after the legs, about rest [rad]
 _LEGS = 0.15  # of the base and the legs [m and rad]
 _LEAST = 2.0  # start and goal are at least this far apart [rad]
@@ -51,7 +50,7 @@ class BalancedReach:
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
             obstacles = tuple(_scene(rng))
-            validity = Validity(robot, obstacles, _NEAR, 0.0, conditions=(self.balance.kept(_NEAR),))
+            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF, conditions=(self.balance.kept(NEAR),))
 
             def fits(q: np.ndarray, validity: Validity = validity) -> bool:
                 pin.forwardKinematics(robot.model, data, q)

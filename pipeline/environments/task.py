@@ -9,6 +9,9 @@ import numpy as np
 from pipeline.constraints import Condition, Constraint
 from pipeline.robots import IDENTITY, Obstacle, Placement, Robot, Validity
 
+# What start and goal keep from obstacles and from the robot itself [m], so that no planner's margin forbids them.
+NEAR, NEAR_ITSELF = 0.02, 0.005
+
 
 @dataclass(frozen=True)
 class Level:
@@ -71,10 +74,10 @@ class Task:
     touching: tuple[tuple[str, str], ...] = ()
     conditions: tuple[Condition, ...] = ()
 
-    def validity(self, margin: float = 0.0) -> Validity:
-        """Return the checker that keeps `margin` [m] from obstacles and conditions, none from the own bodies."""
+    def validity(self, margin: float = 0.0, self_margin: float = 0.0) -> Validity:
+        """Return the checker that keeps `margin` from obstacles and conditions and `self_margin` between bodies [m]."""
         conditions = [condition.kept(margin) for condition in self.conditions]
-        return Validity(self.robot, self.obstacles, margin, 0.0, self.touching, conditions)
+        return Validity(self.robot, self.obstacles, margin, self_margin, self.touching, conditions)
 
 
 class Family(Protocol):

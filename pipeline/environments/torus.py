@@ -177,7 +177,7 @@ class MazeTask(Task):
 
     maze: TorusMaze = field(kw_only=True)
 
-    def validity(self, margin: float = 0.0) -> Validity:
+    def validity(self, margin: float = 0.0, self_margin: float = 0.0) -> Validity:
         """Return the checker that keeps `margin` [m] from walls."""
         return Validity(self.robot, (), conditions=[self.maze.kept(margin)])
 

@@ -9,11 +9,10 @@ import pinocchio as pin
 
 from pipeline.constraints import Constraint, upright
 from pipeline.environments.furniture import box, cylinder
-from pipeline.environments.task import Level, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Level, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Robot, Validity
 
-_NEAR = 0.02  # start and goal keep this from obstacles [m], so that no planner's margin forbids them
 _TRIES = 80  # times fifty random configurations
 _EDGE = 0.15  # from the shoulder to the table [m]
 _LEAST = 1.0  # start and goal are at least this far apart [rad]
@@ -68,7 +67,7 @@ class UprightTransport:
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
             obstacles = tuple(_scene(rng, station, shelf=number % 2 == 1))
-            validity = Validity(robot, obstacles, _NEAR, 0.0)
+            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF)
             ends = two_ends(
                 partial(_draw, rng, robot, constraint),
                 partial(_among, robot, validity, station, robot.model.createData()),

@@ -8,14 +8,13 @@ import pinocchio as pin
 
 from pipeline.constraints import closed_chain, intersection, upright
 from pipeline.environments.furniture import box, cylinder, random_object
-from pipeline.environments.task import Joined, Level, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Joined, Level, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
 
 LEFT, RIGHT = "left_gripper", "right_gripper"
 _UP = (0.0, 0.0, 1.0)
 _TRAY = (0.22, 0.3, 0.02)  # between the fingers of both hands [m]
-_NEAR = 0.02  # start and goal keep this from obstacles [m], so that no planner's margin forbids them
 _SPREAD = 0.7  # of the joints about rest, before they are projected [rad]
 _LEAST = 1.5  # start and goal are at least this far apart [rad]
 _TRIES = 200  # times fifty random configurations
@@ -42,7 +41,7 @@ class TwoArmTray:
             Shape.BOX, (x, y, z), (quaternion[0], quaternion[1], quaternion[2], quaternion[3]), _TRAY, "tray"
         )
         self.rest: np.ndarray = robot.rest
-        self.robot = attach(robot, tray, LEFT)
+        self.robot = attach(robot, tray, LEFT, [name for name in robot.body_names if name.startswith("r_gripper")])
         axis = tuple(float(c) for c in left.rotation.T @ np.array(_UP))
         relative = left.actInv(right)
         self.says = (Joined(LEFT, RIGHT, Placement.of(relative)), Level(LEFT, axis, _UP))
@@ -58,7 +57,7 @@ class TwoArmTray:
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
             obstacles = tuple(_scene(rng))
-            validity = Validity(robot, obstacles, _NEAR, 0.0)
+            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF)
             ends = two_ends(partial(self._draw, rng), validity.free, _LEAST, _TRIES)
             if ends is not None:
                 return Task(f"tray {number}", robot, self.constraint, obstacles, *ends, self.says)

@@ -25,7 +25,7 @@ class Setting:
         robot: as in conf/robot; None for mazes.
         adherences: ours, by name.
         planner, sampler: ours.
-        margin: ours, to obstacles [m]; peers plan without.
+        margin, self_margin: ours, to obstacles and between bodies [m]; peers plan without.
         time_limit: of every plan of a benchmark [s].
         ompl_delta: step of OMPL's walks, at which it checks collisions [rad or m].
         peers: how many tasks OMPL's routes plan: in some families each runs into the time limit.
@@ -39,6 +39,7 @@ class Setting:
     planner: Choice
     sampler: Choice
     margin: float
+    self_margin: float
     time_limit: float
     ompl_delta: float
     peers: int
@@ -52,6 +53,7 @@ class Setting:
             raise ConfigError(f"family {self.kind!r} has no adherence method")
         require("time_limit", self.time_limit, above=0, unit=" s")
         require("margin", self.margin, at_least=0, unit=" m")
+        require("self_margin", self.self_margin, at_least=0, unit=" m")
         require("peers", self.peers, at_least=0)
         require("ompl_delta", self.ompl_delta, above=0)
 
@@ -83,13 +85,18 @@ class Ours:
         self.setting, self.adherence = setting, adherence
         self._planner = setting.planner.make(PLANNERS, "planner")
         self._space: Adherence | None = None
+        self._task: Task | None = None  # whose scene the manifold is in
 
     def space(self, task: Task) -> Adherence:
         """Return the manifold of a task; that of the last one in another scene where the constraint is the same."""
-        validity = task.validity(self.setting.margin)
+        if self._space is not None and self._task is task:
+            self._space.reset()
+            return self._space
+        validity = task.validity(self.setting.margin, self.setting.self_margin)
         if self._space is None or self._space.constraint is not task.constraint:
             self._space = make_adherence(self.adherence, task.constraint, validity)
         self._space.reset(validity)
+        self._task = task
         return self._space
 
     def plan(self, task: Task, termination: Termination, seed: int) -> PlanResult:

@@ -72,7 +72,7 @@ def costs_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd.D
         task = setting.family().task(seed, 0)
         robot, constraint = task.robot, task.constraint
         few = replace(task, obstacles=tuple(o for o in task.obstacles[: upkeep.obstacles]), touching=())
-        validity = few.validity(setting.margin)
+        validity = few.validity(setting.margin, setting.self_margin)
         Q = _near(task, np.random.default_rng(seed), upkeep.calls)
         free = np.array([validity.free(q) for q in Q])
         for name, group in (("check, free", Q[free]), ("check, colliding", Q[~free])):

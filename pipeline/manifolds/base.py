@@ -99,8 +99,8 @@ class AdherenceParameters:
             finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
             is then not checked again.
         certified: look between the states of a found path too, by bounds on how far bodies travel (see `Certificate`);
-            otherwise only the states at `refinement` are looked at. Certain for pairs that keep a margin of some
-            millimetres; without one a graze can be missed (reports/soak.md).
+            otherwise only the states at `refinement` are, and a graze between two of them can be missed. It costs
+            a third of the planning time (reports/performance.md).
         native: evaluate steps and projections as machine code where a C compiler is found, with the same results;
             compiling takes seconds, once for each robot, constraint and parameters.
     """

@@ -91,11 +91,11 @@ class Validity:
             )
         return self._wider[reserve]
 
-    def vouching(self, radius: float) -> "Validity":
-        """Return a checker whose verdict "free" at q holds everywhere within a ball around q, conditions left out.
+    def vouching(self, radius: float, reserve: float = 0.0) -> "Validity":
+        """Return a checker whose verdict "free" at q means `reserve` [m] from contact in a ball around q.
 
         The ball holds all q' for which no body can have travelled farther than `radius` times the length of its row of
-        lever arms (see `pipeline.robots.travel`).
+        lever arms (see `pipeline.robots.travel`). Margins and conditions are left out.
         """
         arms, between = self.robot.lever_arms
         reach = np.linalg.norm(arms, axis=1)
@@ -104,15 +104,13 @@ class Validity:
         levers = list(np.linalg.norm(between, axis=1))
         for obstacle in self._listed:
             levers += [reach[i] for i in bodies if (names[i], obstacle.name) not in self.touching]
-        own = self.margin if self.self_margin is None else self.self_margin
-        base = [own] * len(between) + [self.margin] * (len(levers) - len(between))
         other = copy(self)
         other.conditions, other.checks, other._wider, other._distances = (), 0, {}, None
         other._data = self._model.createData()
         if self._pairs is not None:
-            other._pairs = self._pairs.widened([b + radius * lever for b, lever in zip(base, levers, strict=True)])
+            other._pairs = self._pairs.widened([reserve + radius * lever for lever in levers])
         if self._crowded:
-            other._crowd = other._tree(self._crowded, self.margin + radius * float(reach.max()))
+            other._crowd = other._tree(self._crowded, reserve + radius * float(reach.max()))
         return other
 
     def in_bounds(self, q: np.ndarray) -> bool:

@@ -108,7 +108,7 @@ def test_doors_open(tasks):
 
 
 def test_trays_stay_in_both_hands(tasks):
-    """The tray is between the grippers, which it does not touch, and level at both ends."""
+    """The tray is between the grippers and level at both ends."""
     for task in tasks["tray"]:
         data, placed = task.robot.model.createData(), task.robot.geometry.createData()
         number = task.robot.body_names.index("tray")

@@ -17,12 +17,12 @@ from tests.robots.test_arms_validity import spread
 def test_certified_ways_are_free_everywhere(name):
     """On straight ways among obstacles a verdict "free" holds at every point; "not free" has a collision.
 
-    The second only up to the margin, by which ways are held to be blocked that just pass.
+    The second only up to some millimetres, by which ways are held to be blocked that just pass.
     """
     robot, rng = named(name), np.random.default_rng(0)
     obstacles = spread(rng, 12, robot)
-    certificate = Certificate(Validity(robot, obstacles, 0.005, 0.005))
-    exact, wider = Validity(robot, obstacles), Validity(robot, obstacles, 0.008, 0.008)
+    certificate = Certificate(Validity(robot, obstacles))
+    exact, wider = Validity(robot, obstacles), Validity(robot, obstacles, 0.003, 0.003)
     free = blocked = 0
     for q in configurations(robot, rng, 60):
         other = np.clip(q + 0.25 * rng.normal(size=len(q)), robot.lower, robot.upper)
