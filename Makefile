@@ -6,7 +6,7 @@ PROFILE ?= quick
 PYTEST_ARGS ?=
 # Overrides of conf/bench.yaml, as in `make bench BENCH_ARGS="output=reports/performance.md"`.
 BENCH_ARGS ?=
-# Overrides of conf/bench_arms.yaml, as in `make arms ARMS_ARGS="output=reports/arms.md"`.
+# Overrides of conf/bench_arms.yaml, as in `make arms ARMS_ARGS="output=reports/performance.md"`.
 ARMS_ARGS ?=
 # Overrides of conf/soak.yaml, as in `make soak SOAK_ARGS="output=reports/soak.md"`.
 SOAK_ARGS ?=

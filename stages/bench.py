@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 
 from pipeline.config import load
 from pipeline.evaluation.bench import Bench, measure
-from pipeline.reporting.markdown import write
+from pipeline.reporting.markdown import write_part
 from pipeline.reporting.performance_page import performance_page
 from pipeline.stage import guarded
 
@@ -22,7 +22,7 @@ def main(cfg: DictConfig) -> None:
     text = performance_page(measure(bench), command)
     print(text, end="")
     if bench.output:
-        write(text, bench.output)
+        write_part(text, bench.output)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,25 @@
 """Measure families of tasks, ours beside peers. Not a stage of the pipeline."""
 
 import shlex
-from dataclasses import dataclass
+import shutil
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import hydra
+import pandas as pd
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from pipeline.config import load
-from pipeline.evaluation.arm_contest import ArmContest, arm_trials, tried_trials
+from pipeline.evaluation.arm_contest import ArmContest, arm_shard, installed
+from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.upkeep import Upkeep, maintain
-from pipeline.parallel import single_threaded
+from pipeline.files import code_digest, digest
+from pipeline.parallel import run_shards, single_threaded
 from pipeline.reporting.arms_page import arms_page
-from pipeline.reporting.markdown import write
-from pipeline.stage import guarded
+from pipeline.reporting.markdown import write_part
+from pipeline.stage import SCRATCH, guarded
 
 
 @dataclass(frozen=True)
@@ -29,14 +34,16 @@ class Config:
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     command = shlex.join(["python", "stages/bench_arms.py", *HydraConfig.get().overrides.task])
+    contest = installed(config.contest)
     with single_threaded():
-        contest = config.contest
         upkept = maintain(config.upkeep, contest.families, contest.seed)
-        trials, tried = arm_trials(contest), tried_trials(contest)
-    text = arms_page(trials, tried, upkept, contest, command)
+    scratch = SCRATCH / "arms" / digest(asdict(contest), code_digest(), hardware())
+    rows = pd.concat(run_shards(partial(arm_shard, contest), contest.shards(), scratch, 1, "arms"), ignore_index=True)
+    text = arms_page(rows[~rows["tried"]], rows[rows["tried"]], upkept, contest, command)
     print(text, end="")
     if config.output:
-        write(text, config.output)
+        write_part(text, config.output)
+    shutil.rmtree(scratch)  # the next run measures anew; only a killed one goes on
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ Planned task by task, so that drift of the machine hits all alike.
 """
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,6 +28,8 @@ TABLE = (
     "family", "route", "n", "claimed [%]", "verified [%]", "time median [ms]", "time mean [ms]", "time p95 [ms]",
     "worst violation", "length median", "checks median", "projections median",
 )  # fmt: skip
+_LEAST = {ORDINARY: 20.0, ROBOPLAN: 2.0}  # by how much ours is to be faster
+_SHARD = 10  # tasks: what a killed run may lose
 _DENSE = 0.02  # spacing at which waypoints of peers are joined on the manifold before they are verified [rad]
 
 
@@ -38,6 +40,15 @@ class Variant:
     planner: dict[str, Any] = field(default_factory=dict)
     adherence: dict[str, Any] = field(default_factory=dict)
     sampler: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Tasks of a family, of those that are measured or of those that settings were chosen on."""
+
+    family: str
+    tasks: range
+    tried: bool
 
 
 @dataclass(frozen=True)
@@ -72,24 +83,39 @@ class ArmContest:
             if name not in self.families:
                 raise ConfigError(f"tried_families names {name!r}; there are {', '.join(self.families)}")
 
+    def shards(self) -> list[tuple[str, Part]]:
+        """Return names and items of all shards."""
+        asked = [(label, False) for label in self.families] + [(label, True) for label in self.tried_families]
+        return [
+            (f"{'tried-' * tried}{label}-{first}", Part(label, range(first, min(first + _SHARD, self.tasks)), tried))
+            for label, tried in asked
+            for first in range(0, self.tasks, _SHARD)
+        ]
 
-def tried_trials(contest: ArmContest) -> pd.DataFrame:
-    """Plan tasks of `tried_seed` by ours and its variants; return a row per trial, as `arm_trials` does."""
+
+def installed(contest: ArmContest) -> ArmContest:
+    """Return the contest without roboplan where that is not installed."""
+    try:
+        if contest.roboplan:
+            load_roboplan()
+    except ConfigError as error:
+        log.warning("without roboplan: %s", error)
+        return replace(contest, roboplan=None)
+    return contest
+
+
+def arm_shard(contest: ArmContest, item: Part) -> pd.DataFrame:
+    """Plan a part of the contest by all routes; return a row per trial, with whether it is one of what was tried."""
+    setting = contest.families[item.family]
+    routes = _tried_routes(contest, setting) if item.tried else _routes(contest, setting)
+    family, seed = setting.family(), contest.tried_seed if item.tried else contest.seed
     rows: list[dict[str, Any]] = []
-    for label in contest.tried_families:
-        setting = contest.families[label]
-        adherence = next(iter(setting.adherences.values()))
-        routes = {"as chosen": _ours(setting, adherence)}
-        for name, variant in contest.tried.items():
-            changed = replace(
-                setting,
-                planner=_with(setting.planner, variant.planner),
-                sampler=_with(setting.sampler, variant.sampler),
-            )
-            routes[name] = _ours(changed, _with(adherence, variant.adherence))
-        rows += _trials(
-            label, setting, contest.tried_seed, contest.tasks, {name: (p, None) for name, p in routes.items()}
-        )
+    for number in item.tasks:
+        task = family.task(seed, number)
+        for route, (plan, most) in routes.items():
+            if most is None or number < most:
+                names = {"tried": item.tried, "family": item.family, "route": route, "task": number}
+                rows.append({**names, **_trial(setting, plan, task, seed)})
     return pd.DataFrame(rows)
 
 
@@ -100,42 +126,34 @@ def _with(choice: Choice, changes: dict[str, Any]) -> Choice:
 _Plan = Callable[[Task, int], tuple[float, np.ndarray | None, dict[str, int]]]
 
 
-def arm_trials(contest: ArmContest) -> pd.DataFrame:
-    """Plan everything; return a row per trial. roboplan is left out where it is not installed."""
-    peers = contest.roboplan or {}
-    try:
-        if peers:
-            load_roboplan()
-    except ConfigError as error:
-        log.warning("without roboplan: %s", error)
-        peers = {}
-    rows: list[dict[str, Any]] = []
-    for label, setting in contest.families.items():
-        routes: dict[str, tuple[_Plan, int | None]] = {
-            f"ours, {name.replace('_', ' ')}": (_ours(setting, choice), None)
-            for name, choice in setting.adherences.items()
-        }
-        routes |= {ORDINARY: (_ompl(setting, True), setting.peers), OMPL_OURS: (_ompl(setting, False), setting.peers)}
-        if setting.kind == "transport":  # it has neither chains nor contacts nor pictures
-            for name, parameters in peers.items():
-                routes[f"{ROBOPLAN}, {name}"] = (_roboplan(setting, parameters), None)
-        rows += _trials(label, setting, contest.seed, contest.tasks, routes)
-    return pd.DataFrame(rows)
+def _routes(contest: ArmContest, setting: Setting) -> dict[str, tuple[_Plan, int | None]]:
+    """Return how a family is planned, by name, and for how many tasks; None for all."""
+    first = next(iter(setting.adherences.values()))
+    routes: dict[str, tuple[_Plan, int | None]] = {}
+    for name, choice in setting.adherences.items():
+        label = f"ours, {name.replace('_', ' ')}"
+        routes[label] = (_ours(setting, choice), None)
+        if choice is first:
+            routes[f"{label}, certified"] = (_ours(setting, _with(choice, {"certified": True})), None)
+    routes |= {ORDINARY: (_ompl(setting, True), setting.peers), OMPL_OURS: (_ompl(setting, False), setting.peers)}
+    if setting.kind == "transport":  # it has neither chains nor contacts nor pictures
+        for name, parameters in (contest.roboplan or {}).items():
+            routes[f"{ROBOPLAN}, {name}"] = (_roboplan(setting, parameters), None)
+    return routes
 
 
-def _trials(
-    label: str, setting: Setting, seed: int, tasks: int, routes: Mapping[str, tuple[_Plan, int | None]]
-) -> list[dict[str, Any]]:
-    """Plan task by task; a route with a number takes only so many tasks."""
-    family, rows = setting.family(), []
-    for number in range(tasks):
-        task = family.task(seed, number)
-        for route, (plan, most) in routes.items():
-            if most is None or number < most:
-                rows.append({"family": label, "route": route, "task": number, **_trial(setting, plan, task, seed)})
-        if number % 10 == 9:
-            log.info("%s: task %d of %d", label, number + 1, tasks)
-    return rows
+def _tried_routes(contest: ArmContest, setting: Setting) -> dict[str, tuple[_Plan, int | None]]:
+    """Return ours and its variants, by name."""
+    adherence = next(iter(setting.adherences.values()))
+    routes: dict[str, tuple[_Plan, int | None]] = {"as chosen": (_ours(setting, adherence), None)}
+    for name, variant in contest.tried.items():
+        changed = replace(
+            setting,
+            planner=_with(setting.planner, variant.planner),
+            sampler=_with(setting.sampler, variant.sampler),
+        )
+        routes[name] = (_ours(changed, _with(adherence, variant.adherence)), None)
+    return routes
 
 
 def arm_table(trials: pd.DataFrame) -> pd.DataFrame:
@@ -208,19 +226,33 @@ def _roboplan(setting: Setting, parameters: RoboplanParameters) -> _Plan:
 
 
 def ratio_lines(trials: pd.DataFrame) -> list[str]:
-    """Return a sentence per family and peer: how much faster the first of ours is on the same tasks."""
+    """Return a sentence per family and peer: how much faster the first of ours is on the same tasks, and certified."""
     lines = []
     for family, group in trials.groupby("family", sort=False):
         ours = next(route for route in group["route"] if route.startswith("ours"))
-        mine = group[group["route"] == ours].set_index("task")["time"]
+        certified = f"{ours}, certified"
         for route in [r for r in group["route"].unique() if not r.startswith("ours")]:
-            theirs = group[group["route"] == route].set_index("task")["time"]
-            both = mine.loc[theirs.index]
-            median, tail = theirs.median() / both.median(), theirs.quantile(0.95) / both.quantile(0.95)
-            same = group[group["task"].isin(theirs.index)]
+            median, tail, count = _ratios(group, route, ours)
+            least = next((times for name, times in _LEAST.items() if route.startswith(name)), None)
+            met = "" if least is None else f" ({least:g}x: {'' if median >= least and tail >= 1 else 'not '}met)"
+            if least is not None and route.startswith(ROBOPLAN):
+                met = f" ({least:g}x of both: {'' if min(median, tail) >= least else 'not '}met)"
+            also = ""
+            if (group["route"] == certified).any():
+                both = _ratios(group, route, certified)
+                also = f"; certified {both[0]:.3g}x and {both[1]:.3g}x"
+            same = group[group["task"].isin(group[group["route"] == route]["task"])]
             passed = [100 * same[same["route"] == r]["verified"].mean() for r in (route, ours)]
             lines.append(
-                f"{family}: {median:.3g}x faster than {route} at the median, {tail:.3g}x at p95, n = {len(theirs)}; "
-                f"the verifier passes {passed[0]:.3g} % of its trials and {passed[1]:.3g} % of ours"
+                f"{family}: {median:.3g}x faster than {route} at the median, {tail:.3g}x at p95{met}{also}, "
+                f"n = {count}; the verifier passes {passed[0]:.3g} % of its trials and {passed[1]:.3g} % of ours"
             )
     return lines
+
+
+def _ratios(group: pd.DataFrame, theirs: str, ours: str) -> tuple[float, float, int]:
+    """Return by how much another route takes longer, at the median and at p95, and on how many tasks."""
+    times = [group[group["route"] == route].set_index("task")["time"] for route in (theirs, ours)]
+    both = times[1].loc[times[0].index]
+    median, tail = (float(times[0].quantile(q) / both.quantile(q)) for q in (0.5, 0.95))
+    return median, tail, len(both)

@@ -42,6 +42,7 @@ class DynamicDomainRrtConnect(RrtConnect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require("planner.outward", self.outward, at_most=0)  # samples are drawn around nodes anyway
         require("planner.domain", self.domain, above=0)
         require("planner.spacing", self.spacing, above=0, below=self.domain)
         require("planner.batch", self.batch, at_least=_AROUND)
@@ -55,6 +56,10 @@ class DynamicDomainRrtConnect(RrtConnect):
             trees[1].add_root(other)
         domains = (_Domains(self.domain), _Domains(self.domain))
         longest = max(int(self.range / space.parameters.step), 1)
+        if self.direct:
+            path = self._straight(space, trees, problem.goal)
+            if path is not None:
+                return PlanStatus.SOLVED, path
         current = [problem.start, problem.goal]
         looked = [0, 0]  # nodes of each tree around which samples were drawn
         spacing, barren, a, b = self.spacing, 0, 0, 1

@@ -22,16 +22,24 @@ class RrtConnect(Planner):
         balanced: grow the smaller tree towards the sample, instead of one after the other: a tree in a narrow place
             then does not fall behind (reports/arms.md, "What was tried").
         direct: begin with one walk from the start to the goal, which many problems of everyday need no more than.
+        outward: share of the extensions that lead from a random node in a random direction, instead of to a sample.
+            Where few random configurations reach the manifold within the limits (closed chains), samples leave most of
+            it out, and wherever the obstacles are, they cost a projection.
+        outward_distance: how far off the targets of these are, before they are clipped to the limits [rad or m].
     """
 
     range: float = 0.5
     node_states: int = 4
     balanced: bool = False
     direct: bool = False
+    outward: float = 0.0
+    outward_distance: float = 4.0
 
     def __post_init__(self) -> None:
         require("planner.range", self.range, above=0)
         require("planner.node_states", self.node_states, at_least=1)
+        require("planner.outward", self.outward, at_least=0, at_most=1)
+        require("planner.outward_distance", self.outward_distance, above=0)
 
     def _search(
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
@@ -43,8 +51,7 @@ class RrtConnect(Planner):
             trees[1].add_root(other)
         current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
         if self.direct:
-            node, _, reached = self._grow(space, trees[0], problem.goal, None, True)
-            path = self._join(space, trees, (node, 0)) if reached and node is not None else None
+            path = self._straight(space, trees, problem.goal)
             if path is not None:
                 return PlanStatus.SOLVED, path
         a, b = 0, 1
@@ -54,9 +61,11 @@ class RrtConnect(Planner):
                 return status, None
             if self.balanced and len(trees[a]) > len(trees[b]):
                 a, b = b, a
-            proposals = sampler.sample(current[a][None], current[b][None])
+            outward = self._outward(space, trees[a], sampler.rng) if self.outward else None
+            proposals = sampler.sample(current[a][None], current[b][None]) if outward is None else outward[None]
             if len(proposals):
-                node, current[a], _ = self._grow(space, trees[a], proposals[0], longest, sampler.lands)
+                lands = sampler.lands and outward is None
+                node, current[a], _ = self._grow(space, trees[a], proposals[0], longest, lands)
                 if node is not None:
                     other, _, reached = self._grow(space, trees[b], current[a], None, True)
                     if reached and other is not None:
@@ -64,6 +73,19 @@ class RrtConnect(Planner):
                         if path is not None:
                             return PlanStatus.SOLVED, path
             a, b = b, a
+
+    def _straight(self, space: Adherence, trees: tuple[Tree, Tree], goal: np.ndarray) -> np.ndarray | None:
+        """Walk from the start to the goal; return the path if that arrives, and otherwise keep how far it came."""
+        node, _, reached = self._grow(space, trees[0], goal, None, True)
+        return self._join(space, trees, (node, 0)) if reached and node is not None else None
+
+    def _outward(self, space: Adherence, tree: Tree, rng: np.random.Generator) -> np.ndarray | None:
+        """Return a configuration (n,) to walk towards, in a random direction from a random node; now and then None."""
+        centre = tree[int(rng.integers(len(tree)))]
+        if rng.random() >= self.outward or not np.isfinite(centre[0]):  # a removed node
+            return None
+        direction = rng.normal(size=len(centre))
+        return np.clip(centre + self.outward_distance / np.linalg.norm(direction) * direction, space.lower, space.upper)
 
     def _grow(
         self, space: Adherence, tree: Tree, target: np.ndarray, max_states: int | None, land: bool

@@ -13,10 +13,11 @@ from pipeline.evaluation.arm_contest import (
     ORDINARY,
     TABLE,
     ArmContest,
+    Part,
+    arm_shard,
     arm_table,
-    arm_trials,
+    installed,
     ratio_lines,
-    tried_trials,
 )
 from pipeline.evaluation.families import Setting
 from pipeline.evaluation.roboplan_peer import load_roboplan
@@ -25,6 +26,7 @@ from pipeline.evaluation.upkeep import Maintained, Upkeep, maintain
 from pipeline.reporting.arms_page import arms_page
 from pipeline.reporting.soak_page import soak_page
 
+CERTIFIED = "ours, projection, certified"
 UPKEPT = Maintained(pd.DataFrame({"part": ["a check"]}), "as it was", pd.DataFrame({"limit": [1]}), 7)
 
 
@@ -47,7 +49,9 @@ def test_all_routes_plan_and_are_verified():
     chosen = ("transport_panda", "door_panda", "maze")
     families = {label: small(few.families[label]) for label in chosen}
     few = replace(few, families=families, tried_families=[])
-    trials = arm_trials(few)
+    parts = few.shards()
+    assert [name for name, _ in parts] == [f"{label}-0" for label in chosen]
+    trials = pd.concat([arm_shard(few, part) for _, part in parts], ignore_index=True)
     ours = trials[trials["route"].str.startswith("ours")]
     assert set(ours["family"]) == set(few.families) and ours["verified"].mean() > 0.8
     assert (ours["verified"] == ours["claimed"]).all() and (trials["violation"].dropna() < 1.01e-3).all()
@@ -63,7 +67,9 @@ def test_variants_change_one_thing():
     few = contest(tasks=2, tried_families=["transport_panda"])
     finer = "walks checked at 0.01 rad"
     few = replace(few, tried={finer: few.tried[finer]})
-    trials = tried_trials(few)
+    assert few.shards()[-1] == ("tried-transport_panda-0", Part("transport_panda", range(2), True))
+    trials = arm_shard(few, few.shards()[-1][1])
+    assert trials["tried"].all()
     assert trials["route"].unique().tolist() == ["as chosen", finer]
     checks = trials.groupby("route")["checks"].median()
     assert checks[finer] > 2 * checks["as chosen"]
@@ -123,6 +129,11 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert table.loc["peer", "length median"] == pytest.approx(14)
     (line,) = ratio_lines(synthetic())
     assert line.startswith("transport_panda: 10x faster than peer at the median, 10x at p95, n = 10")
+    named = pd.concat([synthetic().replace("peer", ORDINARY), synthetic()[::2].replace("ours, projection", CERTIFIED)])
+    (line,) = ratio_lines(named[named["route"] != "peer"])
+    assert "10x at p95 (20x: not met); certified 10x and 10x, n = 10" in line
+    (line,) = ratio_lines(synthetic().replace("peer", "roboplan, 1"))
+    assert "(2x of both: met)" in line
     assert "passes 50 % of its trials and 100 % of ours" in line
     page = arms_page(synthetic(), synthetic(), UPKEPT, contest(), "c")
     assert "| transport_panda | peer" in page and "collision" in page and "### door_panda" not in page
@@ -140,6 +151,8 @@ def test_missing_roboplan_is_named(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ConfigError, match=r"pip install 'roboplan==0\.7\.0'"):
         load_roboplan()
+    asked = load(compose("bench_arms").contest, ArmContest)
+    assert asked.roboplan and installed(asked) == replace(asked, roboplan=None)
 
 
 def test_bad_contests_are_refused():

@@ -6,6 +6,8 @@ import pytest
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.manifolds import Stop
 from pipeline.planners import FmtStar, PlanStatus, Problem, Rrt, RrtConnect, Termination
+from pipeline.planners.dynamic_domain import DynamicDomainRrtConnect
+from pipeline.planners.tree import Tree
 from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import METHODS, sphere_space
 from tests.planners.scenes import Scene, assert_sound, plated, space_of
@@ -73,7 +75,9 @@ def test_directions_are_samples_where_there_are_any():
 
 
 @pytest.mark.parametrize(
-    "planner", [RrtConnect(), Rrt(), RrtConnect(range=2.0, direct=True)], ids=["connect", "rrt", "direct"]
+    "planner",
+    [RrtConnect(), Rrt(), RrtConnect(range=2.0, direct=True), RrtConnect(outward=0.5), RrtConnect(outward=1.0)],
+    ids=["connect", "rrt", "direct", "outward", "outward only"],
 )
 @pytest.mark.parametrize("method", METHODS)
 def test_searches_with_directions_are_sound(planner, method):
@@ -86,6 +90,37 @@ def test_searches_with_directions_are_sound(planner, method):
         )
         assert result.solved
         assert_sound(result.path, s)
+
+
+def test_outward_targets_lead_from_nodes():
+    """A target lies as far from its node as asked, within the limits, in all directions alike, as often as asked."""
+    space, tree, rng = sphere_space("projection"), Tree(POLE), np.random.default_rng(0)
+    planner = RrtConnect(outward=0.25, outward_distance=0.05)
+    found = [planner._outward(space, tree, rng) for _ in range(4000)]
+    targets = np.array([target for target in found if target is not None])
+    assert len(targets) == pytest.approx(1000, abs=110)  # four standard deviations
+    np.testing.assert_allclose(np.linalg.norm(targets - POLE, axis=1), 0.05)
+    assert np.linalg.norm((targets - POLE).mean(axis=0)) < 0.05 * 0.1
+    far = RrtConnect(outward=1.0, outward_distance=50.0)
+    clipped = np.array([far._outward(space, tree, rng) for _ in range(50)])
+    assert ((clipped >= space.lower) & (clipped <= space.upper)).all()
+    node = tree.add(0, EQUATOR[None])
+    tree.remove(node)
+    assert sum(far._outward(space, tree, rng) is None for _ in range(100)) > 20
+
+
+def test_outward_needs_no_samples():
+    """A search by outward extensions alone asks for no sample; a share that is none is refused."""
+    s = plated()
+    result = RrtConnect(outward=1.0).plan(
+        Problem(space_of("projection", s), s.start, s.goal), UniformSampler(), Termination(max_iterations=5000), 0
+    )
+    assert result.solved and result.counters.samples == 0 and result.iterations > 1
+    for bad, message in (({"outward": 1.5}, "outward is 1.5"), ({"outward_distance": 0.0}, "outward_distance is 0")):
+        with pytest.raises(ConfigError, match=message):
+            RrtConnect(**bad)
+    with pytest.raises(ConfigError, match=r"outward is 0\.5"):
+        DynamicDomainRrtConnect(outward=0.5)
 
 
 def test_fmt_refuses_directions():
