@@ -136,7 +136,7 @@ def _routes(contest: ArmContest, setting: Setting) -> dict[str, tuple[_Plan, int
         if choice is first:
             routes[f"{label}, certified"] = (_ours(setting, _with(choice, {"certified": True})), None)
     routes |= {ORDINARY: (_ompl(setting, True), setting.peers), OMPL_OURS: (_ompl(setting, False), setting.peers)}
-    if setting.kind == "transport":  # it has neither chains nor contacts nor pictures
+    if setting.kind in ("transport", "tray"):  # it has neither chains nor feet on the ground nor pictures
         for name, parameters in (contest.roboplan or {}).items():
             routes[f"{ROBOPLAN}, {name}"] = (_roboplan(setting, parameters), None)
     return routes
@@ -203,7 +203,10 @@ def _ompl(setting: Setting, ordinary: bool) -> _Plan:
         planner = OmplPlanner("RRTConnect", "projection", parameters, stand_in)
         asked = Problem(space, task.start, task.goal)
         result = planner.plan(asked, Termination(time_limit=setting.time_limit), seed)
-        return result.planning_time, result.path if result.solved else None, result.row()
+        counts = result.row()
+        if ordinary:
+            del counts["collision_checks"]  # those of a checker that was not asked
+        return result.planning_time, result.path if result.solved else None, counts
 
     return plan
 

@@ -1,21 +1,23 @@
-"""roboplan (PyPI) on our problems of upright transport; needs `pip install 'constrained-motion-planning[peers]'`.
+"""roboplan (PyPI) on upright transport and trays; needs `pip install 'constrained-motion-planning[peers]'`.
 
 It reads the same URDF and SRDF as ours, meshes as they are in the files, and has the same obstacles, start, goal and
 tolerance; bodies that no joint moves are not held against obstacles, obstacles not against each other.
 """
 
 import time
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from pipeline.environments.task import Level, Task
+from pipeline.environments.task import Joined, Level, Saying, Task
 from pipeline.errors import ConfigError
 from pipeline.robots import Robot, Shape, UrdfRobot
 from pipeline.robots.description import SHARE, resolve
 
-_GROUP = "planned"
+_GROUP, _WORLD = "planned", "universe"
 _NODES = 1_000_000  # as good as no limit: time ends a search
 _COLOR = np.array([0.5, 0.5, 0.5, 1.0])
 
@@ -71,22 +73,14 @@ class RoboplanPeer:
         self.planned = self.scene.getJointPositionIndices(list(robot.joint_names))
         bodies = robot.geometry.geometryObjects
         self.standing = sorted({robot.model.frames[b.parentFrame].name for b in bodies if not b.parentJoint})
+        self._hold(settings.robot().body_names)
         self.added: list[str] = []
 
     def plan(self, task: Task, time_limit: float, seed: int) -> tuple[float, np.ndarray | None]:
         """Return the time of planning [s] and the waypoints (T, n), None without a path."""
         self._furnish(task)
         core, rrt, parameters = self.core, self.rrt, self.parameters
-        level = np.eye(4)
-        (says,) = task.says
-        assert isinstance(says, Level) and says.frame == self.robot.tool and says.axis == (0.0, 0.0, 1.0)
-        z = says.direction
-        level[:3, :3] = np.diag([1.0, 1.0, 1.0]) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
-        free = np.array([np.inf, np.inf, np.inf, 0.0, 0.0, np.inf])
-        tolerance = task.constraint.tolerance
-        constraint = rrt.PoseConstraint(
-            self.scene, _GROUP, self.robot.tool, -free, free, np.asfortranarray(level), "", tolerance, tolerance
-        )
+        constraints = [self._constraint(says, task.constraint.tolerance) for says in task.says]
         options = rrt.RRTOptions(
             group_name=_GROUP,
             max_nodes=_NODES,
@@ -101,10 +95,46 @@ class RoboplanPeer:
         planner = rrt.RRT(self.scene, options)
         planner.setRngSeed(seed)
         try:
-            path = np.array(planner.plan(start, goal, [constraint]).positions)
+            path = np.array(planner.plan(start, goal, constraints).positions)
         except RuntimeError:  # how it says that there is no path
             return time.perf_counter() - begin, None
         return time.perf_counter() - begin, path
+
+    def _constraint(self, says: Saying, tolerance: float) -> Any:
+        """Return roboplan's constraint for one of a task's."""
+        free = np.array([np.inf, np.inf, np.inf, 0.0, 0.0, np.inf])
+        region = np.eye(4)
+        if isinstance(says, Level) and says.axis == (0.0, 0.0, 1.0) and says.direction[:2] == (0.0, 0.0):
+            frame, reference, bounds = says.frame, "", free
+            region[:3, :3] = np.diag([1.0, 1.0, 1.0]) if says.direction[2] > 0 else np.diag([1.0, -1.0, -1.0])
+        elif isinstance(says, Level) and says.direction == (0.0, 0.0, 1.0):
+            # Another axis of the frame than z: the world is held upright in the frame, which says the same.
+            frame, reference, bounds = _WORLD, says.frame, free
+            region[:3, :3] = Rotation.align_vectors(says.axis, (0.0, 0.0, 1.0))[0].as_matrix()
+        elif isinstance(says, Joined):
+            frame, reference, bounds = says.other, says.frame, np.zeros(6)
+            region = says.relative.se3().homogeneous
+        else:
+            raise ConfigError(f"roboplan has no constraint for {says}")
+        return self.rrt.PoseConstraint(
+            self.scene, _GROUP, frame, -bounds, bounds, np.asfortranarray(region), reference, tolerance, tolerance
+        )
+
+    def _hold(self, own: Collection[str]) -> None:
+        """Attach the bodies that the robot holds besides its own."""
+        geometry, frames = self.robot.geometry, self.robot.model.frames
+        links = [frames[body.parentFrame].name for body in geometry.geometryObjects]
+        paired = {frozenset((pair.first, pair.second)) for pair in geometry.collisionPairs}
+        for i, body in enumerate(geometry.geometryObjects):
+            if body.name not in own:
+                carrier = frames[body.parentFrame]
+                # In the frame of the joint: roboplan takes the pose to be in that, whatever frame of a link is named.
+                pose = np.asfortranarray(body.placement.homogeneous)
+                size = 2 * body.geometry.halfSide
+                self.scene.addBoxGeometry(body.name, carrier.name, self.core.Box(*size), pose, _COLOR)
+                asked = {links[j] for j in range(len(links)) if frozenset((i, j)) in paired}
+                for link in sorted(set(links) - asked - {carrier.name}):
+                    self.scene.setCollisions(link, body.name, False)
 
     def _furnish(self, task: Task) -> None:
         """Replace the obstacles of the last task."""

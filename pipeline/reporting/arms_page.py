@@ -19,8 +19,8 @@ NOTE = (
     "Waypoints of roboplan are joined on the manifold before they are verified. It has the shapes of the files, "
     "meshes as they are, where ours have convex hulls; OMPL has ours. No route shortens its path. OMPL's ordinary "
     "route has constraint and checker by numpy and pinocchio, as its users write them; roboplan plans upright "
-    "transport only: it has no chains, no contacts, no pictures. Ratios are of the tasks that both planned, and an "
-    "unsolved plan counts with the time it took."
+    "transport and trays: it has no chains, no feet on the ground, no pictures. Ratios are of the tasks that both "
+    "planned, and an unsolved plan counts with the time it took."
 )
 WITHOUT = " roboplan was left out of this run."
 KINDS = {
