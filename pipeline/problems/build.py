@@ -24,6 +24,7 @@ class Built:
         robot: with the chain's virtual joints and what it holds.
         constraint: all equations.
         obstacles: of the scene.
+        held: names of the bodies that the robot holds.
         validity: the checker for planning, with margins.
         exact: the checker without margins, for the verifier.
         start: configuration (n,).
@@ -33,6 +34,7 @@ class Built:
     robot: Robot
     constraint: Constraint
     obstacles: tuple[Obstacle, ...]
+    held: tuple[str, ...]
     validity: Validity
     exact: Validity
     start: np.ndarray
@@ -72,7 +74,8 @@ def build(file: ProblemFile) -> Built:
     constraint.frame(start)  # rows that depend on each other are named
     goals = finder.find(file.goal, "goal", file.goals, start)
     order = np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")
-    return Built(robot, constraint, obstacles, validity, exact, start, goals[order])
+    names = tuple(grasp.name for grasp in file.grasps)
+    return Built(robot, constraint, obstacles, names, validity, exact, start, goals[order])
 
 
 class _Finder:

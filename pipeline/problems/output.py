@@ -52,7 +52,7 @@ def write_solution(solution: Solution, folder: Path, picture: bool = True) -> No
             if picture:
                 robot = solution.built.robot
                 title = f"{robot.name}: {solution.built.constraint.name}, {summary['length']:.2f} rad or m"
-                draw_path(robot, solution.built.obstacles, solution.path, out / PICTURE, title)
+                draw_path(robot, solution.built.obstacles, solution.path, out / PICTURE, title, solution.built.held)
 
 
 def recording(solution: Solution, summary: dict[str, Any]) -> Recording:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from pipeline.robots import Obstacle, Robot
 from pipeline.robots.surfaces import triangles
 
 _START, _GOAL, _BETWEEN, _OBSTACLE, _PATH = "#0072B2", "#D55E00", "#BBBBBB", "#8A8F98", "#009E73"  # Okabe and Ito
+_HELD_START, _HELD_GOAL = "#56B4E9", "#E69F00"  # the paler ones of the same hues
 _OBSTACLES = ("#8A8F98", "#A3A8B0", "#73777F", "#B9BDC4")  # in turns: seen from above, equal greys would merge
 _BETWEENS = 4  # configurations drawn pale between start and goal
+_AROUND = 0.4  # how much of what stands around is shown, in sizes of what the robot passes through
 _PIXELS = (900, 800)
 _VIEWS: tuple[dict[str, Any], ...] = (
     {"name": "from the side", "direction": (0.55, -0.7, 0.45), "up": (0, 0, 1)},
@@ -27,7 +30,14 @@ _VIEWS: tuple[dict[str, Any], ...] = (
 _Mesh = tuple[np.ndarray, np.ndarray, str, float]  # vertices, faces, colour, opacity
 
 
-def draw_path(robot: Robot, obstacles: tuple[Obstacle, ...], path: np.ndarray, file: Path, title: str = "") -> str:
+def draw_path(
+    robot: Robot,
+    obstacles: tuple[Obstacle, ...],
+    path: np.ndarray,
+    file: Path,
+    title: str = "",
+    held: Collection[str] = (),
+) -> str:
     """Draw start, goal and what is between, the tool's way and the obstacles; return 'VTK' or 'matplotlib'.
 
     Args:
@@ -36,18 +46,20 @@ def draw_path(robot: Robot, obstacles: tuple[Obstacle, ...], path: np.ndarray, f
         path: configurations (T, n), T >= 1.
         file: the PNG to write.
         title: over the picture.
+        held: names of bodies that the robot carries, which have colours of their own.
     """
     still, meshes = _static(robot, path[0]), []
     for share in np.linspace(0, 1, _BETWEENS + 2)[1:-1]:
-        meshes += _moving(robot, path[round(share * (len(path) - 1))], _BETWEEN, 0.25)
-    meshes += _moving(robot, path[0], _START, 1.0) + _moving(robot, path[-1], _GOAL, 1.0)
+        meshes += _moving(robot, path[round(share * (len(path) - 1))], (_BETWEEN, _BETWEEN), 0.25, held)
+    meshes += _moving(robot, path[0], (_START, _HELD_START), 1.0, held)
+    meshes += _moving(robot, path[-1], (_GOAL, _HELD_GOAL), 1.0, held)
     placed = [
         _placed(o.geometry(), pin.SE3(o.rotation, np.array(o.position)), _OBSTACLES[k % len(_OBSTACLES)], 1.0)
         for k, o in enumerate(obstacles)
     ]
     way = np.array([robot.pose(q, robot.tool).translation for q in path])
     everything = [*still, *placed, *meshes]
-    low, high = _extent([*still, *meshes], way)
+    low, high = _extent([*still, *meshes], placed, way)
     arrays = {"meta": np.array(json.dumps(_meta(everything, low, high)))}
     for k, (vertices, faces, _, _) in enumerate(everything):
         arrays[f"vertices/{k}"], arrays[f"faces/{k}"] = vertices, faces
@@ -65,7 +77,9 @@ def draw_path(robot: Robot, obstacles: tuple[Obstacle, ...], path: np.ndarray, f
                 axes.imshow(images[k])
             else:
                 _flat(axes, everything, way, view, low, high)
-        looks = {"start": _START, "goal": _GOAL, "between": _BETWEEN, "obstacles": _OBSTACLE, "tool's way": _PATH}
+        looks = {"start": _START, "goal": _GOAL}
+        looks |= {"held, at the start": _HELD_START, "at the goal": _HELD_GOAL} if held else {}
+        looks |= {"between": _BETWEEN, "obstacles": _OBSTACLE, "tool's way": _PATH}
         handles = [Patch(color=color, label=name) for name, color in looks.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
         save(figure, file)
@@ -89,27 +103,36 @@ def _placed(geometry: Any, pose: pin.SE3, color: str, opacity: float) -> _Mesh:
     return vertices @ pose.rotation.T + pose.translation, faces, color, opacity
 
 
-def _bodies(robot: Robot, q: np.ndarray, moving: bool, color: str, opacity: float) -> list[_Mesh]:
+def _bodies(robot: Robot, q: np.ndarray, colors: Mapping[str, str], opacity: float) -> list[_Mesh]:
+    """Return the bodies that have a colour."""
     data, placed = robot.model.createData(), robot.geometry.createData()
     pin.updateGeometryPlacements(robot.model, data, robot.geometry, placed, np.asarray(q, float))
     return [
-        _placed(body.geometry, pose, color, opacity)
+        _placed(body.geometry, pose, colors[body.name], opacity)
         for body, pose in zip(robot.geometry.geometryObjects, placed.oMg, strict=True)
-        if bool(body.parentJoint) == moving
+        if body.name in colors
     ]
 
 
-def _moving(robot: Robot, q: np.ndarray, color: str, opacity: float) -> list[_Mesh]:
-    return _bodies(robot, q, True, color, opacity)
+def _moving(robot: Robot, q: np.ndarray, colors: tuple[str, str], opacity: float, held: Collection[str]) -> list[_Mesh]:
+    """Return the robot's own bodies that move in the first colour, and what it holds in the second."""
+    names = [body.name for body in robot.geometry.geometryObjects if body.parentJoint]
+    return _bodies(robot, q, {name: colors[name in held] for name in names}, opacity)
 
 
 def _static(robot: Robot, q: np.ndarray) -> list[_Mesh]:
-    return _bodies(robot, q, False, "#DDDDDD", 1.0)
+    names = [body.name for body in robot.geometry.geometryObjects if not body.parentJoint]
+    return _bodies(robot, q, dict.fromkeys(names, "#DDDDDD"), 1.0)
 
 
-def _extent(meshes: list[_Mesh], way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _extent(meshes: list[_Mesh], around: list[_Mesh], way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners (3,) of what is shown: the robot on its way, and what stands near it."""
     points = np.concatenate([*(vertices for vertices, *_ in meshes), way])
-    return points.min(axis=0), points.max(axis=0)
+    low, high = points.min(axis=0), points.max(axis=0)
+    least, most = low - _AROUND * (high - low).max(), high + _AROUND * (high - low).max()
+    corners = [np.clip([v.min(axis=0), v.max(axis=0)], least, most) for v, *_ in around if len(v)]
+    shown = np.concatenate([[low, high], *corners])
+    return shown.min(axis=0), shown.max(axis=0)
 
 
 def _flat(

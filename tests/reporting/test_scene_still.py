@@ -5,8 +5,8 @@ import pytest
 from matplotlib.image import imread
 
 from pipeline.reporting.renderer import PLAIN
-from pipeline.reporting.scene_still import draw_path
-from pipeline.robots import Obstacle, Shape
+from pipeline.reporting.scene_still import _extent, draw_path
+from pipeline.robots import Obstacle, Shape, attach
 from tests.reporting.test_stills import shows
 from tests.robots.named import named
 
@@ -25,6 +25,23 @@ def test_picture_shows_start_and_goal(plain, tmp_path, monkeypatch):
     image = imread(tmp_path / "still.png")
     assert image.shape[1] > image.shape[0] > 500
     assert shows(image, "#0072B2") and shows(image, "#D55E00")
+
+
+def test_what_is_held_and_what_stands_around_are_shown(tmp_path, monkeypatch):
+    """A cup has colours of its own at both ends; a table beside the robot is in the picture, a hall not as a whole."""
+    monkeypatch.setenv(PLAIN, "1")
+    cup = Obstacle(Shape.CYLINDER, (0.0, 0.0, 0.05), (0, 0, 0, 1), (0.2, 0.2, 0.3), "cup")
+    robot = attach(named("panda"), cup, "panda_hand_tcp")
+    path = robot.rest + np.linspace(0, 1, 20)[:, None] * np.array([1.5, 0, 0, 0, 0, 0, 0])
+    draw_path(robot, (BOX,), path, tmp_path / "still.png", held=["cup"])
+    image = imread(tmp_path / "still.png")
+    assert shows(image, "#56B4E9") and shows(image, "#E69F00")
+    reach = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]])
+    for size, shown in ((0.2, 0.7), (100.0, 0.9)):
+        far = 0.6 + np.array([[0.0, 0.0, 0.0], [size, 0.1, 0.1]]) / 2
+        low, high = _extent([(reach, np.empty((0, 3), int), "", 1.0)], [(far, np.empty((0, 3), int), "", 1.0)], reach)
+        np.testing.assert_allclose(low, reach[0])
+        assert high[0] == pytest.approx(shown)
 
 
 def test_a_path_of_one_state(tmp_path, monkeypatch):
