@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from pipeline.constraints import TaskSpaceRegion
 from pipeline.errors import ConfigError, ProblemError, require, unknown
 from pipeline.problems.parts import PARTS, Part
-from pipeline.robots import IDENTITY, Obstacle, Placement, Shape
+from pipeline.problems.region import Region
+from pipeline.robots import Obstacle, Placement, Shape
 from pipeline.schema import Choice, convert
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -88,32 +88,6 @@ class Grasp(Body):
     frame: str = ""
     touches: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Region:
-    """A task space region in a file; see `TaskSpaceRegion`. Bounds that are left out are free.
-
-    Attributes:
-        x, y, z, roll, pitch, yaw: lower and upper bound, or one number for both [m, rad].
-        origin: where the region's frame is.
-        offset: where the held frame is in the region at zero displacement.
-    """
-
-    x: Any = None
-    y: Any = None
-    z: Any = None
-    roll: Any = None
-    pitch: Any = None
-    yaw: Any = None
-    origin: Placement = IDENTITY
-    offset: Placement = IDENTITY
-
-    def region(self) -> TaskSpaceRegion:
-        """Return the region."""
-        bounds = [_bounds(name, getattr(self, name)) for name in ("x", "y", "z", "roll", "pitch", "yaw")]
-        lower, upper = zip(*bounds, strict=True)
-        return TaskSpaceRegion(lower, upper, self.origin, self.offset)
 
 
 @dataclass(frozen=True)
@@ -279,14 +253,3 @@ def _points(path: Path) -> np.ndarray:
     if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
         raise ProblemError(f"points {str(path)!r} have shape {points.shape}; they must be finite numbers (N, 3)")
     return points
-
-
-def _bounds(name: str, value: Any) -> tuple[float, float]:
-    if value is None:
-        return -np.inf, np.inf
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value), float(value)
-    if isinstance(value, list | tuple) and len(value) == 2:
-        low, high = (convert(v, float, f"region.{name}") for v in value)
-        return low, high
-    raise ConfigError(f"region.{name} is {value!r}; it must be a number, [lower, upper], or left out")

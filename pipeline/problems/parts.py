@@ -8,7 +8,6 @@ import numpy as np
 from pipeline.constraints import (
     Condition,
     Constraint,
-    TaskSpaceRegion,
     balanced,
     closed_chain,
     feet_on_ground,
@@ -21,7 +20,8 @@ from pipeline.constraints import (
 )
 from pipeline.constraints.poses import unit
 from pipeline.errors import ConfigError
-from pipeline.robots import IDENTITY, Placement, Robot
+from pipeline.problems.region import Region
+from pipeline.robots import Placement, Robot
 
 
 class Part(Protocol):
@@ -118,18 +118,14 @@ class PosePart:
 
 
 @dataclass(frozen=True)
-class RegionPart:
+class RegionPart(Region):
     """See `TaskSpaceRegion.constraint`: its fixed dimensions."""
 
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    origin: Placement = IDENTITY
-    offset: Placement = IDENTITY
     frame: str = ""
 
     def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
         """Return the constraint."""
-        return TaskSpaceRegion(self.lower, self.upper, self.origin, self.offset).constraint(robot, self.frame)
+        return self.region().constraint(robot, self.frame)
 
 
 @dataclass(frozen=True)
