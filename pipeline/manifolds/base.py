@@ -258,6 +258,10 @@ class Adherence(ABC):
         self.counters.projections += len(_SIXTEENTHS) * len(q_from)
         return np.array(verdicts, bool), lengths
 
+    def prepare_screen(self) -> None:
+        """Make the function of `screen`, which otherwise its first call does; as machine code it takes a second."""
+        _ = self._between
+
     def _looks_free(self, points: np.ndarray, counted: list[bool], close: bool) -> bool:
         """Tell whether an edge's points at _SIXTEENTHS collide; those that did not reach the manifold tell nothing.
 
@@ -287,7 +291,7 @@ class Adherence(ABC):
         way = sum((ca.norm_2(b - a) for a, b in pairwise(stations)), ca.SX(0))
         points, violations = (ca.vertcat(*(pair[i] for pair in found.values())) for i in (0, 1))
         single = ca.Function("between", [q_from, q_to], [ca.densify(x) for x in (points, violations, way)])
-        return Compiled(single.map(_EDGES))
+        return Compiled(single.map(_EDGES), self.parameters.native)
 
     def refine(self, states: np.ndarray) -> Refined:
         """Walk along `states` (T, n) at `refinement`: project, check bounds and collisions in between.

@@ -178,6 +178,7 @@ class Planner(ABC):
         problem.check()
         space = problem.adherence
         space.reset()
+        self._prepare(space)
         clock = Clock(termination)
         rng, network_time = np.random.default_rng(seed), 0.0
         space.anchor(problem.start)
@@ -206,6 +207,10 @@ class Planner(ABC):
             counters=space.counted(),
             seed=seed,
         )
+
+    def _prepare(self, space: Adherence) -> None:
+        """Make what is made once for a manifold, before the time runs."""
+        del space
 
     @abstractmethod
     def _search(

@@ -51,6 +51,9 @@ class FmtStar(Planner):
         require("planner.from_start", self.from_start, at_least=0, at_most=1)
         require("planner.arrive", self.arrive, at_least=0)
 
+    def _prepare(self, space: Adherence) -> None:
+        space.prepare_screen()
+
     def _search(
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:

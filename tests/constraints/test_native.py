@@ -24,7 +24,7 @@ def own_cache(tmp_path, monkeypatch):
 
 @needs_compiler
 def test_walks_and_projections_are_the_same_to_the_bit():
-    """With and without a compiler walks of Panda have the same states, and batches are projected alike."""
+    """With and without a compiler walks of Panda have the same states; batches and edges project alike."""
     robot, rng = named("panda"), np.random.default_rng(0)
     spaces = []
     for machine in (False, True):
@@ -36,6 +36,10 @@ def test_walks_and_projections_are_the_same_to_the_bit():
     for one, other in zip(plain, machine_, strict=True):
         np.testing.assert_array_equal(one, other)
     on = plain[0][plain[1]]
+    ends = on[:20], on[20:40]
+    screened = [space.screen(*ends) for space in spaces]
+    for one, other in zip(*screened, strict=True):
+        np.testing.assert_array_equal(one, other)
     for q_from, q_to in pairwise(on):
         walks = [space.traverse(q_from, q_to) for space in spaces]
         assert walks[0].stop == walks[1].stop
