@@ -47,13 +47,13 @@ $(stamp): requirements.lock
 test: venv  ## run the tests
 	@$(bin)/python -m pytest $(PYTEST_ARGS)
 
-bench: venv arms  ## measure arms, then parts, planning on the sphere and scaling, in some 40 minutes on 2 idle cores
+bench: venv arms  ## measure arms, then parts, planning on the sphere and scaling, in an hour and a half on 2 idle cores
 	@$(bin)/python stages/bench.py $(BENCH_ARGS)
 
-soak: venv  ## plan and verify 10 000 paths of all families, in some 20 minutes on 2 cores; resumable
+soak: venv  ## plan and verify 10 000 paths of all families, in some 15 minutes on 2 cores; resumable
 	@$(bin)/python stages/soak.py $(SOAK_ARGS)
 
-arms: venv  ## the first half of bench: against OMPL and, where installed, roboplan (pip install roboplan==0.7.0)
+arms: venv  ## the first part of bench, resumable: against OMPL and, where installed, roboplan (pip install roboplan==0.7.0)
 	@$(bin)/python stages/bench_arms.py $(ARMS_ARGS)
 
 repro: venv  ## run the pipeline: PROFILE=quick (default), standard, paper

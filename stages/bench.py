@@ -17,8 +17,7 @@ from pipeline.stage import guarded
 @guarded
 def main(cfg: DictConfig) -> None:
     bench = load(cfg, Bench)
-    overrides = HydraConfig.get().overrides.task
-    command = "make bench" + (f' BENCH_ARGS="{shlex.join(overrides)}"' if overrides else "")
+    command = shlex.join(["python", "stages/bench.py", *HydraConfig.get().overrides.task])
     text = performance_page(measure(bench), command)
     print(text, end="")
     if bench.output:

@@ -43,7 +43,7 @@ class Certificate:
         """Return the first i for which the way from points[i] to points[i + 1], rows of (m, n), is not free."""
         unmet = self._first_unmet(points)
         steps = np.diff(points if unmet is None else points[:unmet], axis=0)
-        ways = (np.abs(steps) @ self._weights).max(axis=1)
+        ways = (np.abs(steps) @ self._weights).max(axis=1, initial=0.0)
         along = [0.0, *np.cumsum(ways).tolist()]
         end, last, smallest = along[-1], len(steps) - 1, len(_RADII) - 1
         asked, frees = 0.0, [checker.free for checker in self._balls]

@@ -20,7 +20,7 @@ class RrtConnect(Planner):
             an unlimited extension throws the tree across the manifold. Connections are not limited.
         node_states: every so many states of a walk become a node of the tree.
         balanced: grow the smaller tree towards the sample, instead of one after the other: a tree in a narrow place
-            then does not fall behind (reports/arms.md, "What was tried").
+            then does not fall behind (reports/performance.md, "What was tried").
         direct: begin with one walk from the start to the goal, which many problems of everyday need no more than.
         outward: share of the extensions that lead from a random node in a random direction, instead of to a sample.
             Where few random configurations reach the manifold within the limits (closed chains), samples leave most of

@@ -2,7 +2,7 @@
 
 pinocchio's own call updates every body and obstacle at every configuration and tries all with all. What stands need not
 be moved: the bodies that joints move have a manager of their own, everything else one that is filled once. Pairs that
-are switched off, margins and verdicts are pinocchio's (`reports/arms.md` has what a check costs).
+are switched off, margins and verdicts are pinocchio's (`reports/performance.md` has what a check costs).
 """
 
 from collections.abc import Sequence
