@@ -34,12 +34,13 @@ class Config:
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     command = shlex.join(["python", "stages/bench_arms.py", *HydraConfig.get().overrides.task])
-    contest = installed(config.contest)
+    contest, machine = installed(config.contest), hardware()
+    measured = {key: value for key, value in machine.items() if key != "commit"}  # of the code there is a digest
+    scratch = SCRATCH / "arms" / digest(asdict(contest), code_digest(), measured)
     with single_threaded():
         upkept = maintain(config.upkeep, contest.families, contest.seed)
-    scratch = SCRATCH / "arms" / digest(asdict(contest), code_digest(), hardware())
     rows = pd.concat(run_shards(partial(arm_shard, contest), contest.shards(), scratch, 1, "arms"), ignore_index=True)
-    text = arms_page(rows[~rows["tried"]], rows[rows["tried"]], upkept, contest, command)
+    text = arms_page(rows[~rows["tried"]], rows[rows["tried"]], upkept, contest, command, machine)
     print(text, end="")
     if config.output:
         write_part(text, config.output)

@@ -11,11 +11,12 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints.compiled import Compiled, compiled
+from pipeline.constraints.compiled import Compiled
 from pipeline.errors import ConstraintError
 
 _RANK_TOLERANCE = 1e-8  # a singular value below this share of the largest counts as zero
 _INVOLVED = 0.05  # a row's share in a combination of rows, from which on a message names it
+_EVALUATED = ("_value", "_jacobian", "_step", "_value_block", "_step_block")
 _BLOCK = 64  # most configurations per batch call: larger blocks gain nothing, smaller ones pay the call
 _INSTRUCTIONS = 4096  # of a batch call: long expressions need no large block, whose empty rows they would pay for
 
@@ -81,21 +82,24 @@ class Constraint:
         self.function = ca.Function("F", [q], [ca.densify(ca.vec(expression))])
         jacobian = ca.densify(ca.jacobian(ca.vec(expression), q))
         self.function_jacobian = ca.Function("F_J", [q], [ca.densify(ca.vec(expression)), jacobian])
-        self._value = compiled("F", [q], [self.function(q)])
-        self._jacobian = compiled("J", [q], [jacobian.T])
+        self._transposed = ca.Function("J", [q], [jacobian.T])
 
     @property
     def manifold_dimension(self) -> int:
         """n - k, where the constraint has full rank."""
         return self.n - self.k
 
-    def accelerate(self) -> None:
-        """Evaluate batches as machine code from now on, where a C compiler is found; results stay the same."""
-        if not self._machine:
+    def prepare(self, native: bool = False) -> None:
+        """Make the functions that evaluate it now, not within the time limit of a first plan.
+
+        With `native` they are machine code from now on, where a C compiler is found; results stay the same.
+        """
+        if native and not self._machine:
             self._machine = True
-            for name in ("_step_block", "_value_block"):
+            for name in _EVALUATED:
                 self.__dict__.pop(name, None)  # those made before
-                getattr(self, name)  # compiled now, not within the time limit of the first plan
+        for name in _EVALUATED:
+            getattr(self, name)
 
     def newton(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return F(q) and the next iterate q - J(q)^+ F(q) (Algorithm 1, line 6) as expressions."""
@@ -195,8 +199,16 @@ class Constraint:
         return np.ascontiguousarray(V[self.k :].T), np.ascontiguousarray(V[: self.k].T)
 
     @cached_property
+    def _value(self) -> Compiled:
+        return Compiled(self.function, self._machine)
+
+    @cached_property
+    def _jacobian(self) -> Compiled:
+        return Compiled(self._transposed, self._machine)
+
+    @cached_property
     def _step(self) -> Compiled:
-        return Compiled(self._newton_function)
+        return Compiled(self._newton_function, self._machine)
 
     @cached_property
     def _block(self) -> int:

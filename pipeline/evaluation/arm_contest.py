@@ -133,7 +133,7 @@ def _routes(contest: ArmContest, setting: Setting) -> dict[str, tuple[_Plan, int
     for name, choice in setting.adherences.items():
         label = f"ours, {name.replace('_', ' ')}"
         routes[label] = (_ours(setting, choice), None)
-        if choice is first:
+        if choice is first and setting.robot is not None:  # walls of a maze are a condition, asked at points only
             routes[f"{label}, certified"] = (_ours(setting, _with(choice, {"certified": True})), None)
     routes |= {ORDINARY: (_ompl(setting, True), setting.peers), OMPL_OURS: (_ompl(setting, False), setting.peers)}
     if setting.kind in ("transport", "tray"):  # it has neither chains nor feet on the ground nor pictures

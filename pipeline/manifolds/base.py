@@ -98,9 +98,9 @@ class AdherenceParameters:
         refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
             finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
             is then not checked again.
-        certified: look between the states of a found path too, by bounds on how far bodies travel (see `Certificate`);
-            otherwise only the states at `refinement` are, and a graze between two of them can be missed. It costs
-            a third of the planning time (reports/performance.md).
+        certified: look everywhere between the states of a found path, by bounds on how far bodies travel (see
+            `Certificate`), instead of at `refinement`, where a graze between two states can be missed. Margins are then
+            kept at the states of walks only. It costs a sixth to two thirds of a plan (reports/performance.md).
         native: evaluate steps and projections as machine code where a C compiler is found, with the same results;
             compiling takes seconds, once for each robot, constraint and parameters.
     """
@@ -150,8 +150,7 @@ class Adherence(ABC):
                 f"robot {validity.robot.name!r} has {validity.robot.dimension} joints"
             )
         self.constraint, self.validity, self.parameters = constraint, validity, parameters
-        if parameters.native:
-            constraint.accelerate()
+        constraint.prepare(parameters.native)
         self.lower, self.upper = validity.robot.lower, validity.robot.upper
         self.counters = Counters()
         # Steps on a curved manifold are not quite gamma long; longer chords than this are checked at all their points.
@@ -331,6 +330,10 @@ class Adherence(ABC):
             if not good or not (done or self.validity.free(point)):
                 return Refined(states, i)
         return Refined(states, None)
+
+    def certifiable(self, q: np.ndarray) -> bool:
+        """Tell whether a found path may begin or end at a free q (n,): always, unless paths are certified."""
+        return self._certificate is None or self._certificate.allows(q)
 
     def _brought_back(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project rows of Q (N, n), most of which are within the tolerance already: these cost their value only."""

@@ -6,10 +6,12 @@ import numpy as np
 
 from pipeline.robots import Validity
 
-# Of balls, see `Validity.vouching`; halves, so that a ball that does not fit costs no more than those that do. The
-# smallest wants a millimetre of clearance of a body two metres from its axes.
+# Of balls, see `Validity.vouching`; halves, so that a ball that does not fit costs no more than those that do.
 _RADII = (0.02, 0.01, 0.005, 0.0025, 0.00125, 0.000625)
-_BEND = 0.0005  # by which bodies leave the chord between two states on the manifold [m], at 0.025 rad apart
+# An allowance for the bend of the manifold between two points and for what they are off it [m], no bound. With
+# it, the smallest ball wants 2 mm of clearance of a body that two metres of links carry.
+_BEND = 0.0005
+_NOTHING = 1e-12  # a way as short is none
 _TRUSTED = 4  # balls of a size in a row, after which the next size is tried
 
 
@@ -18,8 +20,8 @@ class Certificate:
 
     A configuration whose bodies are farther from each other and from the obstacles than they can travel within a ball
     around it vouches for that ball, and so for all of a path inside. Balls are as large as the scene allows; where not
-    even the smallest fits, the path is refused: it touches, or nearly so. Margins of the scene are not asked for
-    between points. Conditions are asked at the given points only.
+    even the smallest fits, the path is refused: it touches, or nearly so. Margins of the scene are not asked
+    for. Conditions are asked at the given points only.
 
     Args:
         validity: of the scene.
@@ -34,6 +36,10 @@ class Certificate:
         self.validity = validity
         self._balls = [validity.vouching(radius, _BEND) for radius in _RADII]
 
+    def allows(self, q: np.ndarray) -> bool:
+        """Tell whether a path can end at q (n,): the smallest ball fits."""
+        return self._balls[-1].free(q)
+
     @property
     def checks(self) -> int:
         """Collision queries so far."""
@@ -46,13 +52,15 @@ class Certificate:
         ways = (np.abs(steps) @ self._weights).max(axis=1, initial=0.0)
         along = [0.0, *np.cumsum(ways).tolist()]
         end, last, smallest = along[-1], len(steps) - 1, len(_RADII) - 1
+        if not np.isfinite(end):
+            return 0
         asked, frees = 0.0, [checker.free for checker in self._balls]
         size = held = 0
         while asked < end:
             following = min(asked + 2 * _RADII[size], end)
             middle = (asked + following) / 2
             i = min(bisect_right(along, middle) - 1, last)
-            share = (middle - along[i]) / (along[i + 1] - along[i])
+            share = (middle - along[i]) / max(along[i + 1] - along[i], _NOTHING)
             if frees[size](points[i] + share * steps[i]):
                 asked = following
                 held += 1

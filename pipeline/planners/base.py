@@ -96,6 +96,8 @@ class Problem:
                 )
             if not space.validity.free(q):
                 raise ProblemError(f"{name} is {space.validity.reason(q)}")
+            if not space.certifiable(q):
+                raise ProblemError(f"{name} is too near to contact for a certified path, which needs some 2 mm")
 
 
 @dataclass(frozen=True)

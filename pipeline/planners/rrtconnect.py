@@ -22,10 +22,10 @@ class RrtConnect(Planner):
         balanced: grow the smaller tree towards the sample, instead of one after the other: a tree in a narrow place
             then does not fall behind (reports/performance.md, "What was tried").
         direct: begin with one walk from the start to the goal, which many problems of everyday need no more than.
-        outward: share of the extensions that lead from a random node in a random direction, instead of to a sample.
+        outward: share of the extensions towards a point in a random direction from a random node, instead of a sample.
             Where few random configurations reach the manifold within the limits (closed chains), samples leave most of
             it out, and wherever the obstacles are, they cost a projection.
-        outward_distance: how far off the targets of these are, before they are clipped to the limits [rad or m].
+        outward_distance: how far from that node these are, before they are clipped to the limits [rad or m].
     """
 
     range: float = 0.5
@@ -80,7 +80,10 @@ class RrtConnect(Planner):
         return self._join(space, trees, (node, 0)) if reached and node is not None else None
 
     def _outward(self, space: Adherence, tree: Tree, rng: np.random.Generator) -> np.ndarray | None:
-        """Return a configuration (n,) to walk towards, in a random direction from a random node; now and then None."""
+        """Return a configuration (n,) to walk towards, in a random direction from a random node; now and then None.
+
+        The walk begins at the node nearest to it, which is mostly another one.
+        """
         centre = tree[int(rng.integers(len(tree)))]
         if rng.random() >= self.outward or not np.isfinite(centre[0]):  # a removed node
             return None

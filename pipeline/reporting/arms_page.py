@@ -1,12 +1,12 @@
 """The page of `stages/bench_arms.py`."""
 
 from dataclasses import asdict
+from typing import Any
 
 import pandas as pd
 
 from pipeline.environments.torus import Mazes
 from pipeline.evaluation.arm_contest import ROBOPLAN, ArmContest, arm_table, ratio_lines
-from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.upkeep import Maintained
 from pipeline.reporting.markdown import escape
 from pipeline.reporting.performance_page import describe, table
@@ -45,17 +45,25 @@ UPKEEP = (
 )
 
 
-def arms_page(trials: pd.DataFrame, tried: pd.DataFrame, upkept: Maintained, contest: ArmContest, command: str) -> str:
+def arms_page(
+    trials: pd.DataFrame,
+    tried: pd.DataFrame,
+    upkept: Maintained,
+    contest: ArmContest,
+    command: str,
+    machine: dict[str, Any],
+) -> str:
     """Return the page in Markdown.
 
     Args:
-        trials: by `arm_trials`.
-        tried: by `tried_trials`.
+        trials: by `arm_shard`, of what is measured.
+        tried: by `arm_shard`, of what was tried.
         upkept: by `maintain`.
         contest: that made them.
         command: that made the page.
+        machine: by `hardware`, when the measurement began.
     """
-    machine = pd.DataFrame([(key, describe(value)) for key, value in hardware().items()], columns=["", "value"])
+    rows_of_machine = [(key, describe(value)) for key, value in machine.items()]
     refused = trials[trials["claimed"] & ~trials["verified"]]
     reasons = refused.groupby(["family", "route", "reason"], sort=False).size().reset_index(name="paths")
     compared, rows = arm_table(trials), arm_table(tried)
@@ -80,6 +88,6 @@ def arms_page(trials: pd.DataFrame, tried: pd.DataFrame, upkept: Maintained, con
         "## Checks and projections", UPKEEP.format(calls=upkept.calls), table(upkept.costs),
         "## Memory", escape(upkept.memory),
         "## Time limits", "Plans with limits so short that many end by them.", table(upkept.overruns),
-        "## Machine and versions", table(machine),
+        "## Machine and versions", table(pd.DataFrame(rows_of_machine, columns=["", "value"])),
     ]  # fmt: skip
     return "\n\n".join(blocks) + "\n"

@@ -78,7 +78,7 @@ def draw_path(
             else:
                 _flat(axes, everything, way, view, low, high)
         looks = {"start": _START, "goal": _GOAL}
-        looks |= {"held, at the start": _HELD_START, "at the goal": _HELD_GOAL} if held else {}
+        looks |= {"held, at the start": _HELD_START, "held, at the goal": _HELD_GOAL} if held else {}
         looks |= {"between": _BETWEEN, "obstacles": _OBSTACLE, "tool's way": _PATH}
         handles = [Patch(color=color, label=name) for name, color in looks.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
@@ -130,7 +130,8 @@ def _extent(meshes: list[_Mesh], around: list[_Mesh], way: np.ndarray) -> tuple[
     points = np.concatenate([*(vertices for vertices, *_ in meshes), way])
     low, high = points.min(axis=0), points.max(axis=0)
     least, most = low - _AROUND * (high - low).max(), high + _AROUND * (high - low).max()
-    corners = [np.clip([v.min(axis=0), v.max(axis=0)], least, most) for v, *_ in around if len(v)]
+    boxes = [(v.min(axis=0), v.max(axis=0)) for v, *_ in around if len(v)]
+    corners = [np.clip(box, least, most) for box in boxes if (box[0] < most).all() and (box[1] > least).all()]
     shown = np.concatenate([[low, high], *corners])
     return shown.min(axis=0), shown.max(axis=0)
 

@@ -20,6 +20,7 @@ from pipeline.evaluation.arm_contest import (
     ratio_lines,
 )
 from pipeline.evaluation.families import Setting
+from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.roboplan_peer import load_roboplan
 from pipeline.evaluation.soak import Load, Soak, soak_shard, soak_table, wrong
 from pipeline.evaluation.upkeep import Maintained, Upkeep, maintain
@@ -57,7 +58,7 @@ def test_all_routes_plan_and_are_verified():
     assert (ours["verified"] == ours["claimed"]).all() and (trials["violation"].dropna() < 1.01e-3).all()
     assert trials[(trials["family"] == "transport_panda") & (trials["route"] == OMPL_OURS)]["claimed"].all()
     assert (trials[trials["route"] == ORDINARY].groupby("family").size() == 1).all()
-    page = arms_page(trials, trials, UPKEPT, few, "the command")
+    page = arms_page(trials, trials, UPKEPT, few, "the command", hardware())
     assert all(route in page for route in trials["route"].unique()) and "the command" in page
     assert all(f"### {label}" in page for label in few.families) and "as it was" in page
 
@@ -135,7 +136,7 @@ def test_table_and_sentence_say_what_the_trials_say():
     (line,) = ratio_lines(synthetic().replace("peer", "roboplan, 1"))
     assert "(2x of both: met)" in line
     assert "passes 50 % of its trials and 100 % of ours" in line
-    page = arms_page(synthetic(), synthetic(), UPKEPT, contest(), "c")
+    page = arms_page(synthetic(), synthetic(), UPKEPT, contest(), "c", hardware())
     assert "| transport_panda | peer" in page and "collision" in page and "### door_panda" not in page
 
 

@@ -5,10 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from pipeline.constraints import upright
 from pipeline.environments.families import make_family
+from pipeline.errors import ProblemError
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
 from pipeline.manifolds.certificate import Certificate
-from pipeline.robots import Validity
+from pipeline.planners import Problem
+from pipeline.robots import Obstacle, Shape, Validity
 from tests.robots.named import configurations, named
 from tests.robots.test_arms_validity import spread
 
@@ -62,7 +65,7 @@ def test_refine_says_where():
     rng = np.random.default_rng(0)
     on = space.sample(rng, 200)
     empty = ProjectionAdherence(task.constraint, Validity(task.robot, (), 0.005, 0.0), parameters)
-    exact, within = task.validity(), task.validity(0.005)
+    exact, within, near = task.validity(), task.validity(0.005), task.validity(0.004, 0.004)
     passed = failed = 0
     for q_from, q_to in zip(on[::2], on[1::2], strict=False):
         walk = empty.traverse(q_from, q_to)
@@ -77,5 +80,30 @@ def test_refine_says_where():
             assert all(verdicts)
         else:
             failed += 1
-            assert all(verdicts[: refined.invalid])
+            i = refined.invalid
+            assert all(verdicts[:i])
+            close = [q for pair in pairwise(states[max(i - 1, 0) : i + 3]) for q in np.linspace(*pair, 40)]
+            assert not all(near.free(q) for q in close)
     assert passed > 2 and failed > 2
+
+
+def test_what_cannot_be_certified_is_said_before_the_search():
+    """A start within a millimetre of a box is free, but no certified path begins there; NaN is never free."""
+    robot = named("panda")
+    x = 0.9
+    while True:  # a wall that comes nearer
+        wall = Obstacle(Shape.BOX, (x + 0.5, 0.0, 0.5), (0, 0, 0, 1), (1.0, 2.0, 1.5), "wall")
+        validity = Validity(robot, (wall,))
+        if validity.clearance(robot.rest) < 1e-3:
+            break
+        x -= max(validity.clearance(robot.rest) - 5e-4, 1e-4)
+    assert validity.free(robot.rest)
+    constraint = upright(robot, robot.tool, direction=robot.pose(robot.rest, robot.tool).rotation[:, 2])
+    plain, certified = (
+        ProjectionAdherence(constraint, validity, AdherenceParameters(certified=choice)) for choice in (False, True)
+    )
+    Problem(plain, robot.rest, robot.rest).check()
+    with pytest.raises(ProblemError, match="too near to contact"):
+        Problem(certified, robot.rest, robot.rest).check()
+    broken = np.array([robot.rest, np.full(robot.dimension, np.nan)])
+    assert Certificate(Validity(robot, ())).first_gap(broken) == 0

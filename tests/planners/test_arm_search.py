@@ -92,7 +92,7 @@ def test_searches_with_directions_are_sound(planner, method):
         assert_sound(result.path, s)
 
 
-def test_outward_targets_lead_from_nodes():
+def test_outward_targets_lie_around_nodes():
     """A target lies as far from its node as asked, within the limits, in all directions alike, as often as asked."""
     space, tree, rng = sphere_space("projection"), Tree(POLE), np.random.default_rng(0)
     planner = RrtConnect(outward=0.25, outward_distance=0.05)

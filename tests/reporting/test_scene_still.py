@@ -41,6 +41,8 @@ def test_what_is_held_and_what_stands_around_are_shown(tmp_path, monkeypatch):
         far = 0.6 + np.array([[0.0, 0.0, 0.0], [size, 0.1, 0.1]]) / 2
         low, high = _extent([(reach, np.empty((0, 3), int), "", 1.0)], [(far, np.empty((0, 3), int), "", 1.0)], reach)
         np.testing.assert_allclose(low, reach[0])
+        away = [(far + 5.0, np.empty((0, 3), int), "", 1.0)]
+        np.testing.assert_allclose(_extent([(reach, np.empty((0, 3), int), "", 1.0)], away, reach), reach)
         assert high[0] == pytest.approx(shown)
 
 

@@ -87,14 +87,14 @@ def test_a_vouching_checker_vouches(count):
     """Where it says free, every configuration within the ball is free by the plain checker; it does say so."""
     robot, rng = named("panda"), np.random.default_rng(3)
     obstacles = spread(rng, count, robot)
-    plain = Validity(robot, obstacles, 0.005, 0.0)
+    plain, apart = Validity(robot, obstacles), Validity(robot, obstacles, 0.004, 0.004)
     arms, between = robot.lever_arms
     rows = np.concatenate([arms, between])
     rows = rows[np.linalg.norm(rows, axis=1) > 0]
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     said = 0
     for radius in (0.01, 0.05):
-        checker = plain.vouching(radius)
+        checker, reserved = plain.vouching(radius), plain.vouching(radius, 0.004)
         for q in configurations(robot, rng, 150):
             if not checker.free(q):
                 continue
@@ -102,4 +102,5 @@ def test_a_vouching_checker_vouches(count):
             for step in rng.normal(size=(10, robot.dimension)):
                 within = q + step * radius / (rows @ np.abs(step)).max()
                 assert plain.free(within)
+                assert apart.free(within) or not reserved.free(q)
     assert said > 20
