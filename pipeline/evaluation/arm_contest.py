@@ -240,6 +240,8 @@ def ratio_lines(trials: pd.DataFrame) -> list[str]:
             met = "" if least is None else f" ({least:g}x: {'' if median >= least and tail >= 1 else 'not '}met)"
             if least is not None and route.startswith(ROBOPLAN):
                 met = f" ({least:g}x of both: {'' if min(median, tail) >= least else 'not '}met)"
+            if not group[group["route"] == route]["claimed"].any():
+                met = " (at least: it solved none within the limit)"
             also = ""
             if (group["route"] == certified).any():
                 both = _ratios(group, route, certified)

@@ -135,6 +135,8 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert "10x at p95 (20x: not met); certified 10x and 10x, n = 10" in line
     (line,) = ratio_lines(synthetic().replace("peer", "roboplan, 1"))
     assert "(2x of both: met)" in line
+    none = synthetic().assign(claimed=synthetic()["route"] != "peer")
+    assert "10x at p95 (at least: it solved none within the limit), n = 10" in ratio_lines(none)[0]
     assert "passes 50 % of its trials and 100 % of ours" in line
     page = arms_page(synthetic(), synthetic(), UPKEPT, contest(), "c", hardware())
     assert "| transport_panda | peer" in page and "collision" in page and "### door_panda" not in page
