@@ -123,11 +123,8 @@ def write_part(text: str, path: Path) -> None:
 
     A part begins with the line that says what made it, followed by its title; they are in order of their titles.
     """
-    parts = (
-        {_title(part): part for part in _BEGINNING.split(path.read_text(encoding="utf-8")) if part.strip()}
-        if (path.exists())
-        else {}
-    )
+    there = path.read_text(encoding="utf-8") if path.exists() else ""
+    parts = {_title(part): part for part in _BEGINNING.split(there) if part.strip()}
     parts[_title(text)] = text
     write("\n".join(parts[title].rstrip("\n") + "\n" for title in sorted(parts)), path)
 
