@@ -107,7 +107,7 @@ def soak_table(rows: pd.DataFrame) -> pd.DataFrame:
     for (family, adherence), group in parts:
         paths, short = group[group["solved"]], group[group["shortened"]]
         found.append((
-            family, adherence, group["task"].nunique() if adherence else np.nan, len(group), len(paths),
+            family, adherence, group.groupby("family")["task"].nunique().sum(), len(group), len(paths),
             int((paths["reason"] != "").sum()), len(short), int((short["short_reason"] != "").sum()),
             int(group["states"].sum()), group["violation"].max(),
         ))  # fmt: skip

@@ -12,18 +12,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Compiled, Constraint
+from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds.certificate import Certificate
+from pipeline.manifolds.screening import SHARES, Screen
 from pipeline.robots import Validity
 
-_SIXTEENTHS = (8, 4, 12, 2, 6, 10, 14, *range(1, 16, 2))  # of an edge: its middle, farthest from both free ends, first
-_EDGES = 8  # screened at a time
 _FROM_LIMITS = 1e-3  # what a found path keeps from joint limits [rad or m]
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
@@ -239,58 +237,18 @@ class Adherence(ABC):
 
         Looks at points every sixteenth of the straight line, projected, the middle first: what fails among obstacles
         fails there, at a fraction of the price of a walk. True promises nothing: the walk decides. On an edge long
-        against the manifold's curvature the walk may pass elsewhere and be refused without need. The length is that of
-        the way through these points [rad or m].
+        against the manifold's curvature the walk may pass elsewhere and be refused without need.
         """
-        verdicts: list[bool] = []
-        lengths = np.empty(len(q_from))
-        for first in range(0, len(q_from), _EDGES):
-            size = min(_EDGES, len(q_from) - first)
-            for argument, ends in zip(self._between.arguments, (q_from, q_to), strict=True):
-                argument[:size] = ends[first : first + size]
-            points, violations, ways = (result.reshape(_EDGES, -1)[:size] for result in self._between.evaluate())
-            near = (violations < self.constraint.tolerance**2).tolist()
-            lengths[first : first + size] = ways[:, 0]
-            rows = points.reshape(size, len(_SIXTEENTHS), -1).copy()
-            for row, counted, way in zip(rows, near, ways[:, 0].tolist(), strict=True):
-                verdicts.append(self._looks_free(row, counted, way / 16 <= self._vouched / 2))
-        self.counters.projections += len(_SIXTEENTHS) * len(q_from)
-        return np.array(verdicts, bool), lengths
+        self.counters.projections += len(SHARES) * len(q_from)
+        return self._screen.look(q_from, q_to, self.validity, self._wide, self._vouched / 2)
 
     def prepare_screen(self) -> None:
-        """Make the function of `screen`, which otherwise its first call does; as machine code it takes a second."""
-        _ = self._between
-
-    def _looks_free(self, points: np.ndarray, counted: list[bool], close: bool) -> bool:
-        """Tell whether an edge's points at _SIXTEENTHS collide; those that did not reach the manifold tell nothing.
-
-        `close` says that the points lie so close that one with half a chord's travel to spare vouches for the next.
-        """
-        free, wide = self.validity.free, self._wide if close else None
-        vouched = [False] * 17  # at sixteenths; the ends vouch for nothing
-        for share, q, counts in zip(_SIXTEENTHS, points, counted, strict=True):
-            if not counts or (share % 2 and (vouched[share - 1] or vouched[share + 1])):
-                continue
-            if wide is not None and share % 2 == 0 and wide.free(q):
-                vouched[share] = True
-            elif not free(q):
-                return False
-        return True
+        """Make what `screen` needs, which otherwise its first call does."""
+        _ = self._screen
 
     @cached_property
-    def _between(self) -> Compiled:
-        """Points on straight lines between rows of two arrays, projected, their squared violations, the way through."""
-        constraint = self.constraint
-        q_from, q_to = ca.SX.sym("q_from", constraint.n), ca.SX.sym("q_to", constraint.n)
-        found = {
-            share: constraint.projected(q_from + share / 16 * (q_to - q_from), min(self.parameters.newton_steps, 3))
-            for share in _SIXTEENTHS
-        }
-        stations = [q_from, *(found[share][0] for share in sorted(found)), q_to]
-        way = sum((ca.norm_2(b - a) for a, b in pairwise(stations)), ca.SX(0))
-        points, violations = (ca.vertcat(*(pair[i] for pair in found.values())) for i in (0, 1))
-        single = ca.Function("between", [q_from, q_to], [ca.densify(x) for x in (points, violations, way)])
-        return Compiled(single.map(_EDGES), self.parameters.native)
+    def _screen(self) -> Screen:
+        return Screen(self.constraint, self.parameters.newton_steps, self.parameters.native)
 
     def refine(self, states: np.ndarray) -> Refined:
         """Walk along `states` (T, n) at `refinement`: project, check bounds and collisions in between.

@@ -2,7 +2,8 @@
 
 In a maze most uniform samples lie behind the walls of the nearest node, or where the trees are already. Both kinds are
 told by a query of nearest nodes for a whole batch, at a hundredth of the price of a walk that fails. What is worth a
-walk is mostly near the trees' ends, so samples are drawn around new nodes first.
+walk is mostly near the trees' ends, so samples are drawn around new nodes first. A tree that has stopped growing has
+mostly missed a turn that is nearer to a node than those samples were: nodes are then looked around again, more closely.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ _OPEN = (Stop.REACHED, Stop.ARRIVED, Stop.STEP_LIMIT)
 class DynamicDomainRrtConnect(RrtConnect):
     """RRTConnect with a domain for every node: it is extended only towards samples that are nearer than that.
 
-    Each new node has a few samples drawn around it, up to `domain` away; when all have, the sampler is asked.
+    Each new node has a few samples drawn around it, `domain` away; when all have, random nodes half as far away and the
+    sampler take turns.
 
     Attributes:
         domain: of a node when a walk from it first failed; halves when one fails again, and grows when one arrives
@@ -62,15 +64,21 @@ class DynamicDomainRrtConnect(RrtConnect):
                 return PlanStatus.SOLVED, path
         current = [problem.start, problem.goal]
         looked = [0, 0]  # nodes of each tree around which samples were drawn
+        closely = [False, False]  # whether the last samples after that were drawn around nodes too
         spacing, barren, a, b = self.spacing, 0, 0, 1
         while True:
             if self.balanced and len(trees[a]) > len(trees[b]):
                 a, b = b, a
             if looked[a] < len(trees[a]):
-                nodes = range(looked[a], min(looked[a] + self.batch // _AROUND, len(trees[a])))
-                looked[a] = nodes.stop
-                Q = self._around(space, trees[a], nodes, sampler.rng)
+                nodes = np.arange(looked[a], min(looked[a] + self.batch // _AROUND, len(trees[a])))
+                looked[a] += len(nodes)
+                Q = self._around(space, trees[a], nodes, self.domain, sampler.rng)
+            elif not closely[a]:
+                closely[a] = True
+                nodes = sampler.rng.integers(len(trees[a]), size=self.batch // _AROUND)
+                Q = self._around(space, trees[a], nodes, self.domain / 2, sampler.rng)
             else:
+                closely[a] = False
                 rows = np.ones((self.batch, 1))
                 Q = sampler.sample(rows * current[a], rows * current[b])
             taken: list[np.ndarray] = []
@@ -101,12 +109,14 @@ class DynamicDomainRrtConnect(RrtConnect):
                 return status, None
             a, b = b, a
 
-    def _around(self, space: Adherence, tree: Tree, nodes: range, rng: np.random.Generator) -> np.ndarray:
-        """Return samples of the manifold (m, n) about a domain away from nodes."""
-        centres = np.array([tree[node] for node in nodes])
+    def _around(
+        self, space: Adherence, tree: Tree, nodes: np.ndarray, far: float, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Return samples of the manifold (m, n) about `far` away from nodes (k,)."""
+        centres = np.array([tree[node] for node in nodes.tolist()])
         centres = np.repeat(centres[np.isfinite(centres[:, 0])], _AROUND, axis=0)  # without those removed
         offsets = rng.normal(size=centres.shape)
-        return space.project(centres + self.domain * offsets / np.linalg.norm(offsets, axis=1, keepdims=True))
+        return space.project(centres + far * offsets / np.linalg.norm(offsets, axis=1, keepdims=True))
 
     def _worthwhile(
         self, space: Adherence, tree: Tree, domains: "_Domains", Q: np.ndarray, spacing: float
@@ -130,6 +140,8 @@ class DynamicDomainRrtConnect(RrtConnect):
         land: bool,
     ) -> tuple[int | None, bool]:
         """Walk from a node towards `target`, remember how that went; return the last new node, if it is the target."""
+        if not np.isfinite(tree[node][0]):  # removed, by a path that failed since it was found nearest
+            return None, False
         walk = space.traverse(tree[node], target, most, land)
         domains.learn(node, walk.stop in _OPEN)
         return (self._add(tree, node, walk.states), walk.reached) if len(walk.states) else (None, False)

@@ -84,13 +84,13 @@ def test_soak_of_a_few(tmp_path):
     shards = soak.shards()
     assert [name for name, _ in shards] == ["door_panda-0", "door_panda-1", "maze-0", "maze-1"]
     rows = pd.concat([soak_shard(soak, item) for _, item in shards], ignore_index=True)
-    assert len(rows) == 2 * 2 * 3 + 2 * 2
+    assert len(rows) == 2 * 2 * 2 * 3  # families, tasks, seeds, methods
     again = soak_shard(soak, shards[0][1])
     pd.testing.assert_frame_equal(again, rows[: len(again)])  # the same paths come out again
     assert rows["solved"].sum() > 12 and not wrong(rows)
     assert (rows["short_length"].dropna() <= rows["length"].dropna() + 1e-9).all()
     table = soak_table(rows)
-    assert table.iloc[-1]["paths"] == rows["solved"].sum() and table.iloc[-1]["wrong paths"] == 0
+    assert table.iloc[-1][["tasks", "plans", "paths", "wrong paths"]].tolist() == [4, 24, rows["solved"].sum(), 0]
     spoilt = rows.assign(reason=["collision", *rows["reason"][1:]])
     assert len(wrong(spoilt)) == 1 and soak_table(spoilt).iloc[-1]["wrong paths"] == 1
     page = soak_page(spoilt, soak, "the command")

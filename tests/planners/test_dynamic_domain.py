@@ -6,10 +6,12 @@ import pytest
 from pipeline.environments.torus import Mazes
 from pipeline.errors import ConfigError
 from pipeline.evaluation.verifier import VerifierParameters, verify
-from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
+from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import DynamicDomainRrtConnect, PlanStatus, Problem, RrtConnect, Termination
 from pipeline.planners.dynamic_domain import _Domains
+from pipeline.planners.tree import Tree
 from pipeline.samplers import UniformSampler
+from pipeline.schema import Choice
 
 
 def test_domains_learn():
@@ -29,13 +31,18 @@ def test_domains_learn():
     assert np.isinf(domains.of(nodes)).all()
 
 
-def asked(rows: int, columns: int, seed: int) -> Problem:
+def asked(rows: int, columns: int, seed: int, method: str = "projection") -> Problem:
     """A maze whose walks cut no corner."""
     task = Mazes(rows, columns).task(5, seed)
     margin = 0.25 * task.maze.pixel_size
-    parameters = AdherenceParameters(step=max(0.05, 2 * margin), resolution=2 * margin)
-    space = ProjectionAdherence(task.constraint, task.validity(margin), parameters)
-    return Problem(space, task.start, task.goal)
+    choice = Choice(method, {"step": max(0.05, 2 * margin), "resolution": 2 * margin})
+    return Problem(make_adherence(choice, task.constraint, task.validity(margin)), task.start, task.goal)
+
+
+def verified(rows: int, columns: int, seed: int, path: np.ndarray) -> bool:
+    """The verdict on a path through a maze of `asked`."""
+    task, bounds = Mazes(rows, columns).task(5, seed), VerifierParameters(step=0.002, leap=0.3)
+    return verify(path, task.start, task.goal, task.constraint, task.validity(), bounds).passed
 
 
 def test_fewer_walks_than_without():
@@ -47,8 +54,29 @@ def test_fewer_walks_than_without():
         problem, UniformSampler(), Termination(max_iterations=20_000), 0
     )
     assert found.solved and found.counters.traversals < usual.counters.traversals / 2
-    task, bounds = Mazes(6, 10).task(5, 0), VerifierParameters(step=0.002, leap=0.3)
-    assert verify(found.path, task.start, task.goal, task.constraint, task.validity(), bounds).passed
+    assert verified(6, 10, 0, found.path)
+
+
+@pytest.mark.parametrize("method", ["projection", "atlas", "tangent_bundle"])
+def test_every_adherence_method_gets_through(method):
+    """A maze of 24 cells is solved by each of the three methods, and the path passes the verifier."""
+    planner = DynamicDomainRrtConnect(node_states=1, balanced=True, domain=0.9, spacing=0.2)
+    found = planner.plan(asked(4, 6, 3, method), UniformSampler(), Termination(max_iterations=50_000), 0)
+    assert found.solved and verified(4, 6, 3, found.path)
+
+
+def test_no_walk_begins_at_a_removed_node():
+    """A node that a failed path has taken out since it was found nearest is passed over, without a walk."""
+    problem, planner, domains = asked(4, 6, 1), DynamicDomainRrtConnect(), _Domains(0.4)
+    space: Adherence = problem.adherence
+    ahead = space.project(problem.start[None] + 0.02)[0]
+    tree = Tree(problem.start)
+    node = tree.add(0, ahead[None])
+    assert planner._extend(space, tree, domains, node, problem.start, 5, True)[1]
+    tree.remove(node)
+    walks = space.counters.traversals
+    assert planner._extend(space, tree, domains, node, problem.goal, 5, False) == (None, False)
+    assert space.counters.traversals == walks and np.isinf(domains.of(np.array([node]))).all()
 
 
 def test_the_same_seed_is_the_same_path():
