@@ -328,6 +328,8 @@ class Adherence(ABC):
         points need no check. `vouches` says so of the configuration where the chord begins.
         """
         free, wide = self.validity.free, self._wide
+        if not self._shares:  # a check a step: nothing in between to vouch for
+            return free(chord[0]), False
         vouched = wide is not None and wide.free(chord[0])
         if not vouched and not free(chord[0]):
             return False, False

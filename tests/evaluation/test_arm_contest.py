@@ -97,6 +97,15 @@ def test_soak_of_a_few(tmp_path):
     assert ": 1 wrong." in page and "## Wrong" in page and ": 0 wrong." in soak_page(rows, soak, "the command")
 
 
+def test_maze_walks_pass_no_wall():
+    """As `TorusMaze` asks for, the margin of mazes is at least half the spacing of every method's checks."""
+    setting = contest().families["maze"]
+    assert set(setting.adherences) == {"projection", "atlas", "tangent_bundle"}
+    spacings = [choice.parameters["resolution"] for choice in setting.adherences.values()]
+    assert 2 * setting.margin >= max(spacings) * (1 - 1e-9)
+    setting.family().task(0, 0).validity(setting.margin)  # and at most half a pixel: a wider one is refused
+
+
 def test_upkeep_measures_what_it_says():
     """Checks and projections cost microseconds, the memory is a process', and overruns are not negative."""
     few = contest()
