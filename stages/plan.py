@@ -35,6 +35,8 @@ def main(cfg: DictConfig) -> None:
     for key in ("status", "planning_time_s", "length", "length_before_shortcuts", "duration_s", "largest_violation",
                 "smallest_clearance_m"):  # fmt: skip
         print(f"{key}: {summary[key]}")
+    for pair, share in summary.get("often_in_contact", {}).items():
+        print(f"in contact at {share:.0%} of random configurations: {pair}")
     print(f"written to {config.output}")
     if not solution.solved:
         raise SystemExit(2)

@@ -22,6 +22,8 @@ from pipeline.manifolds.certificate import Certificate
 from pipeline.manifolds.screening import SHARES, Screen
 from pipeline.robots import Validity
 
+_FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
+_PIECES = 1000  # in which a step is checked: likewise
 _FROM_LIMITS = 1e-3  # what a found path keeps from joint limits [rad or m]
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
@@ -120,9 +122,12 @@ class AdherenceParameters:
         for name in ("max_steps", "newton_steps", "lookahead"):
             require(f"adherence.{name}", getattr(self, name), at_least=1)
         if self.refinement is not None:
-            require("adherence.refinement", self.refinement, above=0)
-        if self.resolution > self.step:
-            raise ConfigError(f"adherence.resolution is {self.resolution}; it must be at most step = {self.step}")
+            require("adherence.refinement", self.refinement, at_least=_FINEST)
+        if not self.step / _PIECES <= self.resolution <= self.step:
+            raise ConfigError(
+                f"adherence.resolution is {self.resolution}; it must be at most step = {self.step}, and at least a "
+                f"{_PIECES}th of it"
+            )
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,16 @@
 """Shortcuts that stay on the manifold."""
 
+import time
+
 import numpy as np
 
 from pipeline.manifolds import Adherence
 from pipeline.planners.base import path_length
 
 
-def shortcut(space: Adherence, path: np.ndarray, rng: np.random.Generator, attempts: int) -> np.ndarray:
+def shortcut(
+    space: Adherence, path: np.ndarray, rng: np.random.Generator, attempts: int, until: float = np.inf
+) -> np.ndarray:
     """Return a path (T, n) with the same ends that is never longer.
 
     Each attempt walks on the manifold between two random states of the path; a shorter way that holds at the finer
@@ -17,9 +21,10 @@ def shortcut(space: Adherence, path: np.ndarray, rng: np.random.Generator, attem
         path: valid states (T, n), neighbours at most a leap apart.
         rng: of the pairs to try.
         attempts: how many pairs to try.
+        until: when to stop trying, by time.perf_counter() [s].
     """
     for _ in range(attempts):
-        if len(path) < 4:
+        if len(path) < 4 or time.perf_counter() >= until:
             return path
         i, j = np.sort(rng.choice(len(path), 2, replace=False)).tolist()
         if j - i < 2:

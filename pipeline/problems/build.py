@@ -10,9 +10,11 @@ from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_
 from pipeline.errors import ConfigError, ProblemError, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.robots import ROBOTS, Obstacle, Robot, Validity, attach
+from pipeline.robots.description import resolve
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
+_BARREN = 100  # tries in a row that bring no new configuration, after which there are none to be had
 _APART = 0.1  # goals nearer than this to each other count as one [rad or m]
 
 
@@ -48,8 +50,9 @@ def build(file: ProblemFile) -> Built:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever does not fit; the message names it.
     """
     settings = choice(file.robot, "robot").make(ROBOTS, "robot")
-    beside = {name: _beside(getattr(settings, name), file.folder) for name in ("urdf", "srdf")}
-    robot: Robot = replace(settings, **beside).robot()
+    folders = tuple(str(file.folder / folder) for folder in settings.package_dirs)  # an absolute one stays what it is
+    files = {name: _beside(getattr(settings, name), file.folder, folders) for name in ("urdf", "srdf")}
+    robot: Robot = replace(settings, package_dirs=(*folders, *settings.package_dirs), **files).robot()
     arm, held = robot, None
     if file.chain is not None:
         held = chain(robot, [r.region() for r in file.chain.regions], file.chain.frame, file.chain.name)
@@ -102,9 +105,13 @@ class _Finder:
         found: list[np.ndarray] = []
         on_limit: list[np.ndarray] = []
         reached: list[np.ndarray] = []
+        barren = 0
         for q in inverse.solutions(self.rng, _TRIES * count, near):
             reached.append(q)
             new = all(np.linalg.norm(q - other) > _APART for other in found)
+            barren = 0 if new else barren + 1
+            if barren == _BARREN:
+                break
             if new and self.validity.free(q):
                 n = self.arm.dimension
                 if min((q - self.robot.lower)[:n].min(), (self.robot.upper - q)[:n].min()) < _FROM_LIMITS:
@@ -149,9 +156,18 @@ def _off(nearest: tuple[float, float] | None) -> str:
     return f"{nearest[0]:.3g} (m and rad) from the target and ||F|| = {nearest[1]:.3g} from the manifold"
 
 
-def _beside(address: str, folder: Path) -> str:
-    """A relative path in a problem file is beside the file; where there is none, it stays relative to the caller."""
-    return str(folder / address) if address and (folder / address).is_file() else address
+def _beside(address: str, folder: Path, package_dirs: tuple[str, ...]) -> str:
+    """The file of a robot that a problem in `folder` names: beside the problem, or else relative to the caller.
+
+    Packages are looked for in the folders above the problem, too.
+    """
+    if not address:
+        return address
+    if address.startswith("package://"):
+        return str(resolve(address, package_dirs, folder / "problem"))
+    if Path(address).is_file() and not (folder / address).is_file():
+        return address
+    return str(resolve(address, (), folder))
 
 
 def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarray:

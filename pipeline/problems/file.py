@@ -1,5 +1,6 @@
 """Problem files: what a user writes to have one problem planned."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +19,8 @@ from pipeline.schema import Choice, convert
 CONF = Path(__file__).resolve().parents[2] / "conf"
 
 _FAR = 100.0  # [m] beyond which obstacles are held to be given in another unit
+_FINEST = 1e-4  # spacing of a written path [rad or m]: below it files fill the disk
+_MOST_GOALS = 100  # each costs inverse kinematics, and a tree to be searched from
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,8 @@ class Where:
                 "a start or goal is one of configuration, joints, pose, region, values; this one has "
                 f"{', '.join(given) or 'none'}"
             )
+        if self.values == {} or self.region == Region():
+            raise ConfigError(f"a start or goal has {given[0]} that say nothing: any configuration would do")
 
     @property
     def exact(self) -> bool:
@@ -147,7 +152,8 @@ class ProblemFile:
         grasps: what the robot holds.
         chain: a chain of regions that the tool is held by.
         planner, sampler, adherence: names of files in conf/, or the same content.
-        time_limit: of planning [s].
+        time_limit: of searches and shortcuts [s]; what the file says is made before, inverse kinematics included, and
+            the last path is verified after it.
         margin: to obstacles, in planning; the check of the path has none [m].
         self_margin: between bodies of the robot, likewise [m].
         shortcuts: attempts to shorten the path.
@@ -182,12 +188,18 @@ class ProblemFile:
         require("margin", self.margin, at_least=0, unit=" m")
         require("self_margin", self.self_margin, at_least=0, unit=" m")
         require("shortcuts", self.shortcuts, at_least=0)
-        require("goals", self.goals, at_least=1)
-        require("spacing", self.spacing, above=0)
+        require("goals", self.goals, at_least=1, at_most=_MOST_GOALS)
+        require("spacing", self.spacing, at_least=_FINEST)
         require("speed", self.speed, above=0, at_most=1)
         require("seed", self.seed, at_least=0)
         if not self.constraints and self.chain is None:
             raise ConfigError("a problem needs constraints or a chain: without any there is no manifold")
+        names = [body.name for body in (*self.obstacles, *self.grasps) if body.name]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ConfigError(
+                f"obstacles and grasps have {', '.join(map(repr, twice))} more than once: names tell them apart"
+            )
 
     def parts(self) -> list[Part]:
         """Return the constraint entries, made.
@@ -244,9 +256,10 @@ def choice(value: Any, group: str) -> Choice:
 
 def _points(path: Path) -> np.ndarray:
     try:
-        stored = (
-            np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
-        )
+        with warnings.catch_warnings(action="ignore"):  # numpy's of an empty file: the error below says it
+            stored = (
+                np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
+            )
         points = np.array(stored.tolist(), float)  # refuses words and complex numbers
     except Exception as error:  # numpy raises half a dozen kinds for files that are no arrays
         raise ProblemError(f"points {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None

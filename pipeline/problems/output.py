@@ -1,5 +1,6 @@
 """What is written of a solution: path, summary, picture, recording."""
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ _KNOWN = {RESULT, PATH, PICTURE, RECORDING, LAYOUT}
 
 
 def check_output(folder: Path) -> None:
-    """Refuse a folder that holds anything but an earlier result: it would be replaced.
+    """Refuse a folder that holds anything but an earlier result, which would be replaced, or cannot be written.
 
     Raises:
-        ConfigError: it is a file, or holds something else.
+        ConfigError: it is a file or below one, holds something else, or the system does not let us write there.
     """
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"output is {str(folder)!r}, which is a file; it must be a folder")
@@ -28,6 +29,12 @@ def check_output(folder: Path) -> None:
         raise ConfigError(
             f"output is {str(folder)!r}, which holds {', '.join(strangers[:5])}: name a folder of its own"
         )
+    there = next(parent for parent in folder.absolute().parents if parent.exists())
+    try:
+        with tempfile.TemporaryDirectory(dir=there):
+            pass
+    except OSError as error:
+        raise ConfigError(f"output is {str(folder)!r}; {str(there)!r} cannot be written: {error.strerror}") from None
 
 
 def write_solution(solution: Solution, folder: Path, picture: bool = True) -> None:

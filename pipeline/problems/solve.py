@@ -1,6 +1,7 @@
 """Plan one problem, shorten the path, verify it, and give it times."""
 
 import time
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +17,8 @@ from pipeline.samplers.uniform import UniformParameters, UniformSampler
 
 _FINER = 5.0  # the verifier's states lie this much closer than those planning checks along the path it finds
 _ATTEMPTS = 4  # searches, each looking twice as closely along the path it finds, until the verifier passes one
+_HINTS = 100  # random configurations looked at for pairs in contact
+_ROUNDED = 1e-6  # relative error of what files give of a step
 _LEAST = 1e-3  # [s] given to a search when the time is over: it ends by itself
 
 
@@ -31,7 +34,8 @@ class Solution:
         path: (T, n) on the manifold, `spacing` apart; empty unless verified.
         times: of its states (T,) [s], within the joint velocity limits.
         raw_length: before shortcuts [rad or m].
-        seconds: all of it: searches, shortcuts and checks [s].
+        setup: making what the file says, inverse kinematics included [s].
+        seconds: all after it: searches, shortcuts and checks [s].
     """
 
     file: ProblemFile
@@ -41,6 +45,7 @@ class Solution:
     path: np.ndarray
     times: np.ndarray
     raw_length: float
+    setup: float
     seconds: float
 
     @property
@@ -58,9 +63,11 @@ class Solution:
     def summary(self) -> dict[str, Any]:
         """Return the result as plain data."""
         verdict = self.verdict
+        hints = {} if self.solved else {"often_in_contact": often_in_contact(self.built)}
         clearance = min((self.built.exact.clearance(q) for q in self.path), default=np.inf)
         return {
             "status": self.status,
+            "setup_time_s": self.setup,
             "planning_time_s": self.plan.planning_time,
             "total_time_s": self.seconds,
             "length": path_length(self.path),
@@ -76,13 +83,15 @@ class Solution:
             "constraint": self.built.constraint.name,
             "rows": list(self.built.constraint.labels),
             "plan": self.plan.row(),
+            **hints,
         }
 
 
 def solve(file: ProblemFile) -> Solution:
     """Plan the problem of a file (see `read_problem`).
 
-    A path that the verifier refuses is searched for again, checked more closely, while there is time.
+    A path that the verifier refuses is searched for again, checked more closely, while there is time. Shortcuts end
+    with the time limit; the verifier, without which there is no path, has all the time it takes.
 
     Raises:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever makes it no problem. A path that is not found
@@ -92,29 +101,43 @@ def solve(file: ProblemFile) -> Solution:
     sampling = choice(file.sampler, "sampler").make({"uniform": UniformParameters}, "sampler")
     sampler = UniformSampler(sampling.batch, sampling.block, sampling.directions)
     adherence = choice(file.adherence, "adherence")
+    begin = time.perf_counter()
     built = build(file)
     given = make_adherence(adherence, built.constraint, built.validity).parameters
-    begin, spacing = time.perf_counter(), given.refinement or given.resolution
+    spacing, setup, begin = given.refinement or given.resolution, time.perf_counter() - begin, time.perf_counter()
+    end = begin + file.time_limit
     for attempt in range(_ATTEMPTS):
         finer = {**adherence.parameters, "refinement": spacing / 2**attempt}
         space = make_adherence(replace(adherence, parameters=finer), built.constraint, built.validity)
-        left = Termination(time_limit=max(file.time_limit - (time.perf_counter() - begin), _LEAST))
+        left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
         problem = Problem(space, built.start, built.goals[0], others=built.goals[1:])
         plan = planner.plan(problem, sampler, left, file.seed + attempt)
         if not plan.solved:
-            return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, time.perf_counter() - begin)
-        shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts)
+            return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, setup, time.perf_counter() - begin)
+        shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts, end)
         for candidate in (shorter, plan.path):
             path = dense(space, candidate, file.spacing)
             verdict = check(path, built, space, file.spacing, spacing / _FINER)
             if verdict.passed:
                 break
-        if verdict.passed or time.perf_counter() - begin > file.time_limit:
+        if verdict.passed or time.perf_counter() > end:
             break
     if not verdict.passed:
         path = np.empty((0, space.dimension))
     times, seconds = timestamps(path, built, file.speed), time.perf_counter() - begin
-    return Solution(file, built, plan, verdict, path, times, path_length(plan.path), seconds)
+    return Solution(file, built, plan, verdict, path, times, path_length(plan.path), setup, seconds)
+
+
+def often_in_contact(built: Built) -> dict[str, float]:
+    """Return which pairs of bodies are in contact at more than a tenth of random configurations, and at how many.
+
+    Where nothing was found these are worth a look: bodies that overlap by the way they are drawn (see `ignored` of a
+    robot), or an obstacle that stands in the robot.
+    """
+    rng, robot, count = np.random.default_rng(0), built.robot, Counter[str]()
+    for q in rng.uniform(robot.lower, robot.upper, (_HINTS, robot.dimension)):
+        count.update(f"{one} with {other}" for one, other in built.exact.contacts(q))
+    return {pair: times / _HINTS for pair, times in count.most_common() if times > _HINTS / 10}
 
 
 def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step: float) -> Verdict:
@@ -125,9 +148,13 @@ def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step
 
 
 def timestamps(path: np.ndarray, built: Built, speed: float) -> np.ndarray:
-    """Return times (T,) [s] at which no joint is faster than `speed` times its limit; joints without one count as 1."""
+    """Return times (T,) [s], whole nanoseconds, at which no joint is faster than `speed` times its limit.
+
+    Joints without a limit count as 1 rad/s or m/s. Rounded up, so that files, which round, keep the limits too.
+    """
     if not len(path):
         return np.empty(0)
     limits = built.robot.velocity if built.robot.velocity is not None else np.ones(path.shape[1])
     steps = (np.abs(np.diff(path, axis=0)) / (speed * limits)).max(axis=1, initial=0.0)
-    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, SHORTEST_STEP))])
+    whole = np.ceil(np.maximum(steps * (1 + _ROUNDED), SHORTEST_STEP) * 1e9).astype(np.int64)
+    return np.concatenate([[0], np.cumsum(whole)]) / 1e9

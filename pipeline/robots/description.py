@@ -17,6 +17,7 @@ OWN = Path(__file__).parent / "descriptions"  # package://descriptions: the robo
 VIRTUAL = ("x", "y", "z", "yaw", "pitch", "roll")  # of a floating base, in this order from the world
 _DIRECTIONS = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")
 _SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {}}
+_TRIPLES = ("xyz", "rpy", "scale")
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
@@ -78,6 +79,8 @@ def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element
     joints = _names(root, "joint", path)
     if not links:
         raise RobotError(f"{path} has no links")
+    if not root.get("name"):
+        raise RobotError(f"the <robot> of {path} has no name")
     parents: dict[str, str] = {}
     for name, joint in joints.items():
         ends = []
@@ -104,9 +107,9 @@ def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element
                 raise RobotError(f"the joints of {path} form a loop through link {link!r}")
             seen.add(link)
     for element in root.iter():
-        for key in ("xyz", "rpy", "size", "radius", "length", "scale"):
-            if key in element.attrib:
-                _numbers(element, key, path)
+        for key in (*_TRIPLES, "size", "radius", "length"):
+            if key in element.attrib and len(_numbers(element, key, path)) != 3 and key in _TRIPLES:
+                raise RobotError(f"{path} has {key}={element.get(key)!r} in a <{element.tag}>; it must be 3 numbers")
     for link, element in links.items():
         for collision in element.findall("collision"):
             shapes = list(collision.findall("geometry/*"))
@@ -221,9 +224,11 @@ def read_srdf(path: Path) -> Semantics:
     """Return disabled pairs and named states of an SRDF. States that share a name are joined.
 
     Raises:
-        RobotError: no XML, or a value that is not a number.
+        RobotError: no XML, a URDF, or a value that is not a number.
     """
     root = _parse(path, "SRDF")
+    if root.find("link") is not None:
+        raise RobotError(f"{path} is no SRDF: it describes links, as a URDF does")
     pairs = [(str(e.get("link1")), str(e.get("link2"))) for e in root.iter("disable_collisions")]
     states: dict[str, dict[str, float]] = {}
     for state in root.iter("group_state"):
@@ -270,12 +275,22 @@ def _check_shape(shape: ET.Element, link: str, path: Path) -> None:
 
 
 def _limits(name: str, joint: ET.Element, path: Path) -> None:
+    """Refuse limits that are missing, crossed or no numbers: urdfdom says so on the console only."""
     limit = joint.find("limit")
-    if joint.get("type") not in ("revolute", "prismatic"):
-        return
     if limit is None:
-        raise RobotError(f"joint {name!r} of {path} is {joint.get('type')} and has no <limit>")
-    lower, upper = (_numbers(limit, key, path)[0] if key in limit.attrib else 0.0 for key in ("lower", "upper"))
+        if joint.get("type") in ("revolute", "prismatic"):
+            raise RobotError(f"joint {name!r} of {path} is {joint.get('type')} and has no <limit>")
+        return
+    for key in ("effort", "velocity"):
+        if key not in limit.attrib:
+            raise RobotError(f"the <limit> of joint {name!r} of {path} has no {key}")
+    found = {key: _numbers(limit, key, path) for key in ("lower", "upper", "velocity", "effort") if key in limit.attrib}
+    for key, values in found.items():
+        if len(values) != 1:
+            raise RobotError(
+                f"the <limit> of joint {name!r} of {path} has {key}={limit.get(key)!r}; it must be a number"
+            )
+    lower, upper = (found.get(key, [0.0])[0] for key in ("lower", "upper"))
     if lower > upper:
         raise RobotError(f"joint {name!r} of {path} has lower limit {lower} above its upper limit {upper}")
 

@@ -10,6 +10,8 @@ import yaml
 
 from pipeline.errors import ConfigError, ConstraintError, PipelineError, ProblemError, RobotError
 from pipeline.problems import read_problem, solve
+from pipeline.problems.build import build
+from pipeline.problems.output import check_output
 
 ROOT = Path(__file__).parents[2]
 GOOD = yaml.safe_load((ROOT / "examples" / "upright_panda.yaml").read_text())
@@ -177,6 +179,15 @@ CASES = {
     "margin": (changed(margin=-0.01), ConfigError, "margin is -0.01 m"),
     "speed": (changed(speed=2.0), ConfigError, "speed is 2.0; it must be above 0 and at most 1"),
     "goals": (changed(goals=0), ConfigError, "goals is 0"),
+    "goals without end": (
+        changed(goals=10**9),
+        ConfigError,
+        "goals is 1000000000; it must be at least 1 and at most 100",
+    ),
+    "spacing too fine": (changed(spacing=1e-9), ConfigError, "spacing is 1e-09; it must be at least 0.0001"),
+    "names twice": (changed(obstacles=[BOX, BOX]), ConfigError, "'b' more than once"),
+    "goal anywhere": (changed(goal={"region": {}}), ConfigError, "has region that say nothing"),
+    "goal of no values": (changed(goal={"values": {}}), ConfigError, "has values that say nothing"),
     "seed": (changed(seed=-1), ConfigError, "seed is -1"),
     "a list": ([1, 2], ProblemError, "holds a list"),
     "nothing": (None, ProblemError, "holds a NoneType"),
@@ -226,6 +237,80 @@ def test_fuzzed_files(tmp_path):
         except PipelineError:
             refused += 1
     assert refused > 30
+
+
+JUNK = (None, True, -1, 0, 1e-12, float("nan"), float("inf"), "x", [], [1, 2], {}, {"kind": 3})
+
+
+@pytest.mark.parametrize("group", ["planner", "sampler", "adherence", "robot"])
+def test_fuzzed_settings(group):
+    """Settings with one value replaced by junk plan or are refused, never anything else; most of it is refused."""
+    name = {"robot": "panda", "planner": "rrtconnect_arm", "sampler": "directions", "adherence": "atlas_arm"}[group]
+    good = yaml.safe_load((ROOT / "conf" / group / f"{name}.yaml").read_text())
+    example, refused, asked = ROOT / "examples" / "upright_panda.yaml", 0, 0
+    for key in good["parameters"]:
+        for junk in JUNK:
+            content = {**good, "parameters": {**good["parameters"], key: junk}}
+            asked += 1
+            try:
+                solve(read_problem(example, time_limit=0.05, shortcuts=2, **{group: content}))
+            except PipelineError as error:
+                refused += 1
+                assert str(error)
+    assert refused > asked / 2
+
+
+def test_time_limit_holds_for_shortcuts_too():
+    """Shortcuts without end stop with the time limit; only the last check of the path comes after it."""
+    found = solve(read_problem(ROOT / "examples" / "upright_panda.yaml", time_limit=0.3, shortcuts=10**9))
+    assert found.solved and found.setup > 0 and found.seconds < 5.0
+
+
+def test_failure_names_bodies_in_contact():
+    """Where nothing is found, the summary names what is in contact at many configurations: a post before the arm."""
+    box = {"name": "post", "shape": "box", "size": [0.1, 0.1, 1.2], "xyz": [0.18, 0.0, 0.6]}
+    content = {"obstacles": [*GOOD["obstacles"], box], "grasps": [], "time_limit": 1e-6}
+    pairs = solve(read_problem(ROOT / "examples" / "upright_panda.yaml", **content)).summary()["often_in_contact"]
+    assert any("with post" in pair for pair in pairs) and all(0.1 < share <= 1 for share in pairs.values())
+
+
+def test_a_robot_beside_its_problem(tmp_path):
+    """Files and packages of a robot are found beside the problem, and packages in the folders above it."""
+    urdf = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><joint name="one" type="revolute">
+      <parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+      <limit lower="-3" upper="3" velocity="1" effort="0"/></joint>
+      <joint name="two" type="revolute"><parent link="b"/><child link="c"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>
+      <limit lower="-3" upper="3" velocity="1" effort="0"/></joint></robot>"""
+    for folder in ("mine/problems", "mine/packages/p", "q"):
+        (tmp_path / folder).mkdir(parents=True)
+    for file in ("mine/problems/r.urdf", "mine/packages/p/r.urdf", "q/r.urdf"):
+        (tmp_path / file).write_text(urdf)
+    content = {
+        "constraints": [{"kind": "plane", "point": [0.5, 0, 0], "normal": [1, 0, 0]}],
+        "start": {"values": {"one": -1.0471975511965976}},
+        "goal": {"values": {"one": 1.0471975511965976}},
+    }
+    path = tmp_path / "mine" / "problems" / "problem.yaml"
+
+    def robot(uri: str, *package_dirs: str) -> dict:
+        given = {"name": "r", "urdf": uri, "joints": ["one", "two"], "tool": "c", "package_dirs": list(package_dirs)}
+        return {"robot": {"kind": "urdf", "parameters": given}}
+
+    for found in (robot("r.urdf"), robot("package://p/r.urdf", "../packages"), robot("package://q/r.urdf")):
+        path.write_text(yaml.safe_dump({**content, **found}))
+        assert build(read_problem(path)).robot.dimension == 2
+    path.write_text(yaml.safe_dump({**content, **robot("s.urdf")}))
+    with pytest.raises(RobotError, match=r"no file 's\.urdf'; looked for .*mine/problems/s\.urdf"):
+        build(read_problem(path))
+
+
+@pytest.mark.parametrize("place", ["file/out", "/proc/out"])
+def test_an_output_that_cannot_be_written(place, tmp_path):
+    """A folder below a file, or where the system lets nobody write, is refused before anything is planned."""
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        check_output(tmp_path / place)
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess:

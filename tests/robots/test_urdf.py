@@ -251,6 +251,10 @@ BAD_FILES = {
     "no limit": (re.sub(r"<limit.*/>", "", TINY), "'one' .* no <limit>"),
     "limits crossed": (TINY.replace('lower="-1"', 'lower="2"'), "lower limit 2.0 above its upper limit 1.0"),
     "limit no number": (TINY.replace('lower="-1"', 'lower="low"'), "lower='low'"),
+    "no effort": (TINY.replace(' effort="0"', ""), "<limit> of joint 'one' of .* has no effort"),
+    "no robot's name": (TINY.replace(' name="tiny"', ""), "<robot> of .* has no name"),
+    "effort no number": (TINY.replace('effort="0"', 'effort=""'), "effort=''"),
+    "origin of two": (TINY.replace('xyz="1 0 0"', 'xyz="1 0"'), "xyz='1 0' in a <origin>; it must be 3 numbers"),
     "NaN": (TINY.replace('xyz="1 0 0"', 'xyz="nan 0 0"'), "xyz='nan 0 0' .* finite"),
     "radius infinite": (TINY.replace('radius="0.1"', 'radius="inf"'), "radius='inf'"),
     "mesh missing": (
@@ -323,6 +327,39 @@ def test_bad_settings_are_refused(case, tmp_path):
     settings, message = BAD_SETTINGS[case]
     with pytest.raises(RobotError, match=message):
         tiny(tmp_path, **settings).robot()
+
+
+def test_a_urdf_is_no_srdf(tmp_path):
+    """A URDF given as SRDF is refused: it would disable nothing."""
+    (tmp_path / "other.urdf").write_text(TINY)
+    with pytest.raises(RobotError, match=r"other\.urdf is no SRDF"):
+        tiny(tmp_path, srdf=str(tmp_path / "other.urdf")).robot()
+
+
+JUNK = ("", "x", "nan", "-1", "0", "1e300", "1 2", "a", "b", "0.5", "0 1 0", "0 0 0", "0 0 0 0", "prismatic", "\u00e9")
+
+
+def test_fuzzed_descriptions(tmp_path, capfd):
+    """Descriptions changed at random, values and bytes, are read or refused, never anything else, and quietly so."""
+    rng, outcomes = np.random.default_rng(1), []
+    for number in range(600):
+        text = TINY
+        for _ in range(int(rng.integers(1, 3))):
+            spans = [m.span(1) for m in re.finditer('"([^"]*)"', text)] if number % 3 else [(0, len(text))]
+            first, end = spans[int(rng.integers(len(spans)))]
+            if number % 3:
+                text = text[:first] + JUNK[int(rng.integers(len(JUNK)))] + text[end:]
+            else:
+                at = int(rng.integers(first, end))
+                text = text[:at] + text[at + int(rng.integers(1, 9)) :]
+        try:
+            robot = tiny(tmp_path, text).robot()
+            outcomes.append(bool(np.isfinite(robot.pose(robot.rest, "d").translation).all()))
+        except RobotError as error:
+            outcomes.append(None)
+            assert "tiny" in str(error)
+    assert outcomes.count(None) > 200 and outcomes.count(True) > 30 and False not in outcomes
+    assert capfd.readouterr().err == ""  # what the parsers below say is said on the console only
 
 
 def test_continuous_limit_must_be_positive(tmp_path):
