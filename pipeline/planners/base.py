@@ -56,6 +56,7 @@ class Problem:
         start, goal: configurations (n,).
         others: further goals (G, n), any of which will do as well; planners that grow no tree from the goal go for
             `goal` only.
+        starts: further starts (S, n), any of which will do as well; FMT* sets out from `start` only.
         scene: key of the scene for samplers that condition on it.
     """
 
@@ -64,6 +65,17 @@ class Problem:
     goal: np.ndarray
     scene: str | None = None
     others: np.ndarray | None = None
+    starts: np.ndarray | None = None
+
+    @property
+    def all_starts(self) -> list[np.ndarray]:
+        """All starts (n,), `start` first."""
+        return [self.start, *([] if self.starts is None else self.starts)]
+
+    @property
+    def all_goals(self) -> list[np.ndarray]:
+        """All goals (n,), `goal` first."""
+        return [self.goal, *([] if self.others is None else self.others)]
 
     def check(self) -> None:
         """Refuse a start or goal that no path can have.
@@ -73,9 +85,13 @@ class Problem:
                 names which, the value and the bound.
         """
         space = self.adherence
-        others = [] if self.others is None else list(self.others)
-        named = [("start", self.start), ("goal", self.goal), *((f"goal {i + 2}", q) for i, q in enumerate(others))]
-        for name, q in named:
+        named = [
+            (which, i, q)
+            for which, ends in (("start", self.all_starts), ("goal", self.all_goals))
+            for i, q in enumerate(ends, 1)
+        ]
+        for which, i, q in named:
+            name = which if i == 1 else f"{which} {i}"
             q = np.asarray(q, float)
             if q.shape != (space.dimension,):
                 raise ProblemError(f"{name} has shape {q.shape}, the robot has {space.dimension} joints")
@@ -183,10 +199,8 @@ class Planner(ABC):
         self._prepare(space)
         clock = Clock(termination)
         rng, network_time = np.random.default_rng(seed), 0.0
-        space.anchor(problem.start)
-        space.anchor(problem.goal)
-        for other in [] if problem.others is None else problem.others:
-            space.anchor(other)
+        for q in (problem.start, *problem.all_goals, *problem.all_starts[1:]):
+            space.anchor(q)
         status = PlanStatus.SOLVED
         path: np.ndarray | None = None
         if np.array_equal(problem.start, problem.goal):

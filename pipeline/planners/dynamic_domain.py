@@ -53,9 +53,7 @@ class DynamicDomainRrtConnect(RrtConnect):
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
         space = problem.adherence
-        trees = (Tree(problem.start), Tree(problem.goal))
-        for other in [] if problem.others is None else problem.others:
-            trees[1].add_root(other)
+        trees = (Tree(*problem.all_starts), Tree(*problem.all_goals))
         domains = (_Domains(self.domain), _Domains(self.domain))
         longest = max(int(self.range / space.parameters.step), 1)
         if self.direct:

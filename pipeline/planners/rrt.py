@@ -34,8 +34,8 @@ class Rrt(Planner):
     ) -> tuple[PlanStatus, np.ndarray | None]:
         space, goal = problem.adherence, problem.goal
         longest = max(int(self.range / space.parameters.step), 1)
-        tree = Tree(problem.start)
-        alive = [0]
+        tree = Tree(*problem.all_starts)
+        alive = list(range(len(tree)))
         while True:
             status = clock.tick()
             if status is not None:

@@ -46,9 +46,7 @@ class RrtConnect(Planner):
     ) -> tuple[PlanStatus, np.ndarray | None]:
         space = problem.adherence
         longest = max(int(self.range / space.parameters.step), 1)
-        trees = (Tree(problem.start), Tree(problem.goal))
-        for other in [] if problem.others is None else problem.others:
-            trees[1].add_root(other)
+        trees = (Tree(*problem.all_starts), Tree(*problem.all_goals))
         current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
         if self.direct:
             path = self._straight(space, trees, problem.goal)

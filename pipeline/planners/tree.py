@@ -9,11 +9,13 @@ _TAIL = 256  # nodes looked at one by one: making a tree of them costs more
 class Tree:
     """Nodes on the manifold, each with the states walked from its parent. Removed nodes keep their index.
 
+    With several roots it is a forest, whose paths begin at the root they come from.
+
     Nearest neighbours are found by looking at all of them: for the hundreds of nodes a bidirectional search needs this
     is faster than any structure (3 us for 500 nodes).
     """
 
-    def __init__(self, root: np.ndarray) -> None:
+    def __init__(self, root: np.ndarray, *others: np.ndarray) -> None:
         self._q = np.empty((256, len(root)))
         self._q[0] = root
         self.parents = [-1]
@@ -21,6 +23,8 @@ class Tree:
         self.children: list[list[int]] = [[]]
         self._index: cKDTree | None = None  # of the first nodes, see `nearest_of`
         self._rows, self._indexed = np.empty(0, int), 0
+        for other in others:
+            self._add_root(other)
 
     def __len__(self) -> int:
         return len(self.parents)
@@ -40,8 +44,7 @@ class Tree:
         self.children[parent].append(node)
         return node
 
-    def add_root(self, q: np.ndarray) -> None:
-        """Add another root at q (n,): the tree becomes a forest, whose paths begin at the root they come from."""
+    def _add_root(self, q: np.ndarray) -> None:
         self.parents.append(-1)
         self.edges.append(np.empty((0, len(q))))
         self.children.append([])

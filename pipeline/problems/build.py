@@ -29,8 +29,8 @@ class Built:
         held: names of the bodies that the robot holds.
         validity: the checker for planning, with margins.
         exact: the checker without margins, for the verifier.
-        start: configuration (n,).
-        goals: configurations (G, n), the nearest to the start first.
+        starts: configurations (S, n), any of which will do; one, where the file says it exactly.
+        goals: configurations (G, n), the nearest to the first start first.
     """
 
     robot: Robot
@@ -39,7 +39,7 @@ class Built:
     held: tuple[str, ...]
     validity: Validity
     exact: Validity
-    start: np.ndarray
+    starts: np.ndarray
     goals: np.ndarray
 
 
@@ -73,16 +73,21 @@ def build(file: ProblemFile) -> Built:
     validity = Validity(robot, obstacles, file.margin, file.self_margin, touching, conditions)
     exact = Validity(robot, obstacles, 0.0, 0.0, touching, conditions)
     finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]))
-    start = finder.find(file.start, "start", 1, robot.rest)[0]
+    starts = finder.find(file.start, "start", 1 if file.start.exact else file.goals, robot.rest)
+    start = starts[0]
     constraint.frame(start)  # rows that depend on each other are named
     goals = finder.find(file.goal, "goal", file.goals, start)
     order = np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")
     names = tuple(grasp.name for grasp in file.grasps)
-    return Built(robot, constraint, obstacles, names, validity, exact, start, goals[order])
+    return Built(robot, constraint, obstacles, names, validity, exact, starts, goals[order])
 
 
 class _Finder:
-    """Turns what a file says of a start or goal into configurations."""
+    """Turns what a file says of a start or goal into configurations.
+
+    Several of a start as well: limits and bodies keep parts of the manifold apart (elbow up, elbow down), and one
+    configuration may lie in a part without a goal.
+    """
 
     def __init__(
         self,

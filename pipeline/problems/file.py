@@ -157,7 +157,7 @@ class ProblemFile:
         margin: to obstacles, in planning; the check of the path has none [m].
         self_margin: between bodies of the robot, likewise [m].
         shortcuts: attempts to shorten the path.
-        goals: how many configurations a goal's pose or region is turned into.
+        goals: how many configurations the pose or region of a goal, or of a start, is turned into.
         spacing: of the written path's states [rad or m].
         speed: share of the joint velocity limits.
         seed: of everything random.
@@ -177,7 +177,7 @@ class ProblemFile:
     margin: float = 0.005
     self_margin: float = 0.0
     shortcuts: int = 100
-    goals: int = 5
+    goals: int = 10
     spacing: float = 0.02
     speed: float = 1.0
     seed: int = 0

@@ -77,6 +77,7 @@ class Solution:
             "largest_violation": verdict.max_violation if verdict is not None else None,
             "smallest_clearance_m": float(clearance) if np.isfinite(clearance) else None,
             "states_checked": verdict.states_checked if verdict is not None else 0,
+            "starts": len(self.built.starts),
             "goals": len(self.built.goals),
             "robot": self.built.robot.name,
             "joints": list(self.built.robot.joint_names),
@@ -110,7 +111,7 @@ def solve(file: ProblemFile) -> Solution:
         finer = {**adherence.parameters, "refinement": spacing / 2**attempt}
         space = make_adherence(replace(adherence, parameters=finer), built.constraint, built.validity)
         left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
-        problem = Problem(space, built.start, built.goals[0], others=built.goals[1:])
+        problem = Problem(space, built.starts[0], built.goals[0], others=built.goals[1:], starts=built.starts[1:])
         plan = planner.plan(problem, sampler, left, file.seed + attempt)
         if not plan.solved:
             return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, setup, time.perf_counter() - begin)
@@ -141,10 +142,13 @@ def often_in_contact(built: Built) -> dict[str, float]:
 
 
 def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step: float) -> Verdict:
-    """Return the verifier's verdict, at a step, on a path (T, n) from the start to the goal it ends nearest to."""
-    goal = built.goals[int(np.argmin(np.linalg.norm(built.goals - path[-1], axis=1)))]
+    """Return the verifier's verdict, at a step, on a path (T, n) between the start and goal it is nearest to."""
+    start, goal = (
+        ends[int(np.argmin(np.linalg.norm(ends - q, axis=1)))]
+        for ends, q in ((built.starts, path[0]), (built.goals, path[-1]))
+    )
     leap = max(2.0 * spacing, space.parameters.leap * space.parameters.step)
-    return verify(path, built.start, goal, built.constraint, built.exact, VerifierParameters(step=step, leap=leap))
+    return verify(path, start, goal, built.constraint, built.exact, VerifierParameters(step=step, leap=leap))
 
 
 def timestamps(path: np.ndarray, built: Built, speed: float) -> np.ndarray:

@@ -17,12 +17,28 @@ POLE, EQUATOR = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 LIMIT = Termination(max_iterations=2000)
 
 
+def walled(method):
+    """The sphere with EQUATOR walled in."""
+    walls = [block(EQUATOR + 0.25 * d, (0.16, 0.16, 0.16)) for d in np.vstack([np.eye(3)[1:], -np.eye(3)[1:]])]
+    ring = [EQUATOR + 0.25 * np.array([0, np.cos(t), np.sin(t)]) for t in np.arange(0, 2 * np.pi, 0.3)]
+    return sphere_space(method, [*walls, *(block(p / np.linalg.norm(p), (0.16, 0.16, 0.16)) for p in ring)])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("planner", [RrtConnect(), DynamicDomainRrtConnect(), Rrt()], ids=lambda p: type(p).__name__)
+def test_any_start_will_do(planner, method):
+    """With the first start walled in, the path begins at the other one."""
+    other = np.array([0.0, -1.0, 0.0])
+    problem = Problem(walled(method), EQUATOR, POLE, starts=other[None])
+    result = planner.plan(problem, UniformSampler(), Termination(max_iterations=20_000), 0)
+    assert result.solved
+    np.testing.assert_array_equal(result.path[[0, -1]], [other, POLE])
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_any_goal_will_do(method):
     """With the first goal walled in, the path ends at the other one."""
-    walls = [block(EQUATOR + 0.25 * d, (0.16, 0.16, 0.16)) for d in np.vstack([np.eye(3)[1:], -np.eye(3)[1:]])]
-    ring = [EQUATOR + 0.25 * np.array([0, np.cos(t), np.sin(t)]) for t in np.arange(0, 2 * np.pi, 0.3)]
-    space = sphere_space(method, [*walls, *(block(p / np.linalg.norm(p), (0.16, 0.16, 0.16)) for p in ring)])
+    space = walled(method)
     other = np.array([0.0, -1.0, 0.0])
     problem = Problem(space, POLE, EQUATOR, others=other[None])
     result = RrtConnect().plan(problem, UniformSampler(), LIMIT, 0)
@@ -32,8 +48,11 @@ def test_any_goal_will_do(method):
     assert alone.status is PlanStatus.ITERATION_LIMIT
 
 
-def test_every_goal_is_checked():
-    """A further goal off the manifold is refused by its number."""
+def test_every_start_and_goal_is_checked():
+    """A further start or goal off the manifold is refused by its number."""
+    problem = Problem(sphere_space("projection"), POLE, EQUATOR, starts=np.array([[0, 2.0, 0]]))
+    with pytest.raises(ProblemError, match="start 2"):
+        RrtConnect().plan(problem, UniformSampler(), LIMIT, 0)
     problem = Problem(sphere_space("projection"), POLE, EQUATOR, others=np.array([[0, 1, 0], [0, 2.0, 0]]))
     with pytest.raises(ProblemError, match="goal 3"):
         RrtConnect().plan(problem, UniformSampler(), LIMIT, 0)
