@@ -111,7 +111,8 @@ def solve(file: ProblemFile) -> Solution:
         finer = {**adherence.parameters, "refinement": spacing / 2**attempt}
         space = make_adherence(replace(adherence, parameters=finer), built.constraint, built.validity)
         left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
-        problem = Problem(space, built.starts[0], built.goals[0], others=built.goals[1:], starts=built.starts[1:])
+        starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
+        problem = Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
         plan = planner.plan(problem, sampler, left, file.seed + attempt)
         if not plan.solved:
             return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, setup, time.perf_counter() - begin)
@@ -127,6 +128,12 @@ def solve(file: ProblemFile) -> Solution:
         path = np.empty((0, space.dimension))
     times, seconds = timestamps(path, built, file.speed), time.perf_counter() - begin
     return Solution(file, built, plan, verdict, path, times, path_length(plan.path), setup, seconds)
+
+
+def _allowed(space: Adherence, ends: np.ndarray) -> np.ndarray:
+    """Return those of several starts or goals (S, n) that a path may have; the first, to be refused, where none may."""
+    kept = [space.certifiable(q) for q in ends]
+    return ends[kept] if any(kept) else ends[:1]
 
 
 def often_in_contact(built: Built) -> dict[str, float]:

@@ -10,6 +10,8 @@ import pandas as pd
 import pinocchio as pin
 import pytest
 
+from pipeline.errors import ProblemError
+from pipeline.manifolds import Adherence
 from pipeline.planners import path_length
 from pipeline.problems import Solution, read_problem, solve
 from pipeline.problems.output import write_solution
@@ -164,6 +166,18 @@ def test_two_planners_on_any_adherence(planner, adherence):
     sampler = "uniform" if planner == "fmt" else "directions"
     found = solve(read_problem(path, planner=planner, adherence=adherence, sampler=sampler, time_limit=60.0))
     assert found.solved
+
+
+def test_ends_that_no_certified_path_has_are_left_out(monkeypatch):
+    """Of a region's configurations those too near to contact are left out; where all are, the problem is refused."""
+    found = solution(next(p for p in EXAMPLES if p.stem == "upright_panda"))
+    end = found.path[-1]
+    monkeypatch.setattr(Adherence, "certifiable", lambda self, q: not np.array_equal(q, end))
+    again = solve(found.file)
+    assert len(found.built.goals) > 1 and again.solved and not np.array_equal(again.path[-1], end)
+    monkeypatch.setattr(Adherence, "certifiable", lambda self, q: False)
+    with pytest.raises(ProblemError, match="too near to contact"):
+        solve(found.file)
 
 
 def test_no_path_is_a_result(tmp_path):
