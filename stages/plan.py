@@ -30,8 +30,7 @@ def main(cfg: DictConfig) -> None:
         raise ConfigError("name a problem and an output: problem=examples/upright_panda.yaml output=out/upright")
     check_output(config.output)
     solution = solve(read_problem(config.problem, **config.changes))
-    write_solution(solution, config.output, config.picture)
-    summary = solution.summary()
+    summary = write_solution(solution, config.output, config.picture)
     for key in ("status", "planning_time_s", "length", "length_before_shortcuts", "duration_s", "largest_violation",
                 "smallest_clearance_m"):  # fmt: skip
         print(f"{key}: {summary[key]}")

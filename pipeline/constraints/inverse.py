@@ -74,6 +74,7 @@ class InverseKinematics:
         rows = ca.vertcat(constraint.function(q), target(q))
         self._rows = compiled("rows", [q], [rows, ca.jacobian(rows, q).T])
         self.robot, self.constraint = robot, constraint
+        self.tried = 0  # by `solutions`
         self.nearest: tuple[float, float] | None = None  # of all tries: ||rows|| of the target, and of the constraint
 
     def solve(self, start: np.ndarray) -> np.ndarray | None:
@@ -99,12 +100,22 @@ class InverseKinematics:
         if self.nearest is None or max(target, constraint) < max(self.nearest):
             self.nearest = target, constraint
 
-    def solutions(self, rng: np.random.Generator, tries: int, near: np.ndarray | None = None) -> Iterator[np.ndarray]:
-        """Yield configurations (n,); every other try starts near `near`, at first exactly there, the rest anywhere."""
+    def solutions(
+        self, rng: np.random.Generator, tries: int, near: np.ndarray | None = None, patience: int | None = None
+    ) -> Iterator[np.ndarray]:
+        """Yield configurations (n,); every other try starts near `near`, at first exactly there, the rest anywhere.
+
+        Ends after `tries` tries, or `patience` in a row that arrive nowhere; `tried` counts them.
+        """
+        self.tried = failed = 0
         for i in range(tries):
+            if failed == patience:
+                return
+            self.tried = i + 1
             start = rng.uniform(self.robot.lower, self.robot.upper)
             if near is not None and i % 2 == 0:
                 start = near + _NOISE * min(i / 10, 3.0) * rng.normal(size=len(near))
             found = self.solve(start)
+            failed = failed + 1 if found is None else 0
             if found is not None:
                 yield found

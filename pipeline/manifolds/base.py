@@ -22,7 +22,7 @@ from pipeline.manifolds.certificate import Certificate
 from pipeline.manifolds.screening import SHARES, Screen
 from pipeline.robots import Validity
 
-_FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
+FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
 _PIECES = 1000  # in which a step is checked: likewise
 _FROM_LIMITS = 1e-3  # what a found path keeps from joint limits [rad or m]
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
@@ -92,8 +92,9 @@ class AdherenceParameters:
         max_steps: the loop limit N. Not 50 as for projections: 50 steps of 0.05 do not cross a unit sphere.
         newton_steps: Newton steps inside a walk; from a step away it converges quadratically, so that more than this
             many means that it does not (measured on the sphere: at most 2).
-        resolution: spacing of collision checks [rad or m]. Between two states of a walk they are on the chord, which
-            on a unit sphere is 0.0003 from it for a step of 0.05; along a found path they are on the manifold.
+        resolution: spacing of collision checks [rad or m], at least a thousandth of a step. Between two states of a
+            walk they are on the chord, which on a unit sphere is 0.0003 from it for a step of 0.05; along a found path
+            they are on the manifold.
         lookahead: steps computed per call of the edge function; costs memory and, past a stop, wasted steps.
         refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
             finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
@@ -122,7 +123,8 @@ class AdherenceParameters:
         for name in ("max_steps", "newton_steps", "lookahead"):
             require(f"adherence.{name}", getattr(self, name), at_least=1)
         if self.refinement is not None:
-            require("adherence.refinement", self.refinement, at_least=_FINEST)
+            require("adherence.refinement", self.refinement, at_least=FINEST)
+        require("adherence.resolution", self.resolution, at_least=FINEST)
         if not self.step / _PIECES <= self.resolution <= self.step:
             raise ConfigError(
                 f"adherence.resolution is {self.resolution}; it must be at most step = {self.step}, and at least a "

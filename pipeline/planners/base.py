@@ -56,7 +56,7 @@ class Problem:
         start, goal: configurations (n,).
         others: further goals (G, n), any of which will do as well; planners that grow no tree from the goal go for
             `goal` only.
-        starts: further starts (S, n), any of which will do as well; FMT* sets out from `start` only.
+        starts: further starts (S, n), any of which will do as well; FMT* and OMPL set out from `start` only.
         scene: key of the scene for samplers that condition on it.
     """
 

@@ -84,6 +84,8 @@ class DynamicDomainRrtConnect(RrtConnect):
                 status = clock.tick()
                 if status is not None:
                     return status, None
+                if not np.isfinite(trees[a][nearest][0]):
+                    continue  # removed, by a path that failed since it was found nearest
                 if taken and np.square(np.array(taken) - q).sum(axis=1).min() < (2 * spacing) ** 2:
                     continue  # the tree has just been there
                 taken.append(q)
@@ -138,8 +140,6 @@ class DynamicDomainRrtConnect(RrtConnect):
         land: bool,
     ) -> tuple[int | None, bool]:
         """Walk from a node towards `target`, remember how that went; return the last new node, if it is the target."""
-        if not np.isfinite(tree[node][0]):  # removed, by a path that failed since it was found nearest
-            return None, False
         walk = space.traverse(tree[node], target, most, land)
         domains.learn(node, walk.stop in _OPEN)
         return (self._add(tree, node, walk.states), walk.reached) if len(walk.states) else (None, False)

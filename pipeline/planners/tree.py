@@ -15,16 +15,14 @@ class Tree:
     is faster than any structure (3 us for 500 nodes).
     """
 
-    def __init__(self, root: np.ndarray, *others: np.ndarray) -> None:
-        self._q = np.empty((256, len(root)))
-        self._q[0] = root
-        self.parents = [-1]
-        self.edges: list[np.ndarray] = [np.empty((0, len(root)))]
-        self.children: list[list[int]] = [[]]
+    def __init__(self, *roots: np.ndarray) -> None:
+        self._q = np.empty((max(256, len(roots)), len(roots[0])))
+        self._q[: len(roots)] = roots
+        self.parents = [-1] * len(roots)
+        self.edges: list[np.ndarray] = [np.empty((0, len(root))) for root in roots]
+        self.children: list[list[int]] = [[] for _ in roots]
         self._index: cKDTree | None = None  # of the first nodes, see `nearest_of`
         self._rows, self._indexed = np.empty(0, int), 0
-        for other in others:
-            self._add_root(other)
 
     def __len__(self) -> int:
         return len(self.parents)
@@ -43,14 +41,6 @@ class Tree:
         self.children.append([])
         self.children[parent].append(node)
         return node
-
-    def _add_root(self, q: np.ndarray) -> None:
-        self.parents.append(-1)
-        self.edges.append(np.empty((0, len(q))))
-        self.children.append([])
-        if len(self.parents) > len(self._q):
-            self._q = np.concatenate([self._q, np.empty_like(self._q)])
-        self._q[len(self.parents) - 1] = q
 
     def nearest(self, q: np.ndarray) -> int:
         """Return the node nearest to q (n,) in the ambient space."""

@@ -7,14 +7,14 @@ import numpy as np
 
 from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, intersection
 from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
-from pipeline.errors import ConfigError, ProblemError, unknown
+from pipeline.errors import ConfigError, ProblemError, RobotError, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.robots import ROBOTS, Obstacle, Robot, Validity, attach
-from pipeline.robots.description import resolve
+from pipeline.robots.description import is_file, resolve
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
-_BARREN = 100  # tries in a row that bring no new configuration, after which there are none to be had
+_BARREN = 100  # tries in a row that arrive nowhere, or where others did, after which there is nothing more to find
 _APART = 0.1  # goals nearer than this to each other count as one [rad or m]
 
 
@@ -50,9 +50,11 @@ def build(file: ProblemFile) -> Built:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever does not fit; the message names it.
     """
     settings = choice(file.robot, "robot").make(ROBOTS, "robot")
-    folders = tuple(str(file.folder / folder) for folder in settings.package_dirs)  # an absolute one stays what it is
-    files = {name: _beside(getattr(settings, name), file.folder, folders) for name in ("urdf", "srdf")}
-    robot: Robot = replace(settings, package_dirs=(*folders, *settings.package_dirs), **files).robot()
+    if not isinstance(file.robot, str):  # content of the file: what it names is beside the file
+        files = {name: _beside(getattr(settings, name), file.folder) for name in ("urdf", "srdf")}
+        folders = tuple(str(file.folder / folder) for folder in settings.package_dirs)  # an absolute one stays as it is
+        settings = replace(settings, package_dirs=(*folders, *settings.package_dirs), **files)
+    robot: Robot = settings.robot()
     arm, held = robot, None
     if file.chain is not None:
         held = chain(robot, [r.region() for r in file.chain.regions], file.chain.frame, file.chain.name)
@@ -111,13 +113,12 @@ class _Finder:
         on_limit: list[np.ndarray] = []
         reached: list[np.ndarray] = []
         barren = 0
-        for q in inverse.solutions(self.rng, _TRIES * count, near):
-            reached.append(q)
-            new = all(np.linalg.norm(q - other) > _APART for other in found)
-            barren = 0 if new else barren + 1
+        for q in inverse.solutions(self.rng, _TRIES * count, near, _BARREN):
+            barren = 0 if _apart(q, reached) else barren + 1
             if barren == _BARREN:
                 break
-            if new and self.validity.free(q):
+            reached.append(q)
+            if _apart(q, found) and self.validity.free(q):
                 n = self.arm.dimension
                 if min((q - self.robot.lower)[:n].min(), (self.robot.upper - q)[:n].min()) < _FROM_LIMITS:
                     on_limit.append(q)
@@ -126,7 +127,7 @@ class _Finder:
                 if len(found) == count:
                     break
         found = found or on_limit[:1]
-        tries = _TRIES * count
+        tries = inverse.tried
         if not reached:
             feasible(self.constraint, self.robot.lower, self.robot.upper, self.rng)  # names the rows that cannot be met
             raise ProblemError(
@@ -154,6 +155,10 @@ class _Finder:
         return with_values([(names.index(joint), value) for joint, value in values.items()])
 
 
+def _apart(q: np.ndarray, others: list[np.ndarray]) -> bool:
+    return not others or bool(np.linalg.norm(np.array(others) - q, axis=1).min() > _APART)
+
+
 def _off(nearest: tuple[float, float] | None) -> str:
     """Say how far off a try of inverse kinematics is."""
     if nearest is None:
@@ -161,18 +166,16 @@ def _off(nearest: tuple[float, float] | None) -> str:
     return f"{nearest[0]:.3g} (m and rad) from the target and ||F|| = {nearest[1]:.3g} from the manifold"
 
 
-def _beside(address: str, folder: Path, package_dirs: tuple[str, ...]) -> str:
-    """The file of a robot that a problem in `folder` names: beside the problem, or else relative to the caller.
-
-    Packages are looked for in the folders above the problem, too.
-    """
-    if not address:
+def _beside(address: str, folder: Path) -> str:
+    """The file that a problem in `folder` names by a path: beside the problem, or else relative to the caller."""
+    if not address or address.startswith("package://"):
         return address
-    if address.startswith("package://"):
-        return str(resolve(address, package_dirs, folder / "problem"))
-    if Path(address).is_file() and not (folder / address).is_file():
-        return address
-    return str(resolve(address, (), folder))
+    try:
+        return str(resolve(address, (), folder))
+    except RobotError:
+        if is_file(Path(address)):
+            return address
+        raise
 
 
 def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarray:

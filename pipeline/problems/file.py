@@ -20,6 +20,7 @@ CONF = Path(__file__).resolve().parents[2] / "conf"
 
 _FAR = 100.0  # [m] beyond which obstacles are held to be given in another unit
 _FINEST = 1e-4  # spacing of a written path [rad or m]: below it files fill the disk
+_SLOWEST = 1e-3  # share of the velocity limits: below it the clock's nanoseconds run over
 _MOST_GOALS = 100  # each costs inverse kinematics, and a tree to be searched from
 
 
@@ -131,7 +132,7 @@ class Where:
                 "a start or goal is one of configuration, joints, pose, region, values; this one has "
                 f"{', '.join(given) or 'none'}"
             )
-        if self.values == {} or self.region == Region():
+        if self.values == {} or (self.region is not None and all(self.region.region().free)):
             raise ConfigError(f"a start or goal has {given[0]} that say nothing: any configuration would do")
 
     @property
@@ -190,7 +191,7 @@ class ProblemFile:
         require("shortcuts", self.shortcuts, at_least=0)
         require("goals", self.goals, at_least=1, at_most=_MOST_GOALS)
         require("spacing", self.spacing, at_least=_FINEST)
-        require("speed", self.speed, above=0, at_most=1)
+        require("speed", self.speed, at_least=_SLOWEST, at_most=1)
         require("seed", self.seed, at_least=0)
         if not self.constraints and self.chain is None:
             raise ConfigError("a problem needs constraints or a chain: without any there is no manifold")

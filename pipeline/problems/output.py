@@ -1,5 +1,6 @@
 """What is written of a solution: path, summary, picture, recording."""
 
+import os
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -22,23 +23,26 @@ def check_output(folder: Path) -> None:
     Raises:
         ConfigError: it is a file or below one, holds something else, or the system does not let us write there.
     """
-    if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"output is {str(folder)!r}, which is a file; it must be a folder")
-    strangers = sorted({entry.name for entry in folder.iterdir()} - _KNOWN) if folder.exists() else []
-    if strangers:
-        raise ConfigError(
-            f"output is {str(folder)!r}, which holds {', '.join(strangers[:5])}: name a folder of its own"
-        )
-    there = next(parent for parent in folder.absolute().parents if parent.exists())
+    asked = f"output is {str(folder)!r}"
     try:
-        with tempfile.TemporaryDirectory(dir=there):
+        folder = folder.resolve()  # a link's target is replaced, not the link
+        if folder.exists() and not folder.is_dir():
+            raise ConfigError(f"{asked}, which is a file; it must be a folder")
+        if folder == Path.cwd() or os.path.ismount(folder):
+            raise ConfigError(
+                f"{asked}, the folder this runs in or a mounted one, which cannot be replaced: name another"
+            )
+        strangers = sorted({entry.name for entry in folder.iterdir()} - _KNOWN) if folder.exists() else []
+        if strangers:
+            raise ConfigError(f"{asked}, which holds {', '.join(strangers[:5])}: name a folder of its own")
+        with tempfile.TemporaryDirectory(dir=next(parent for parent in folder.parents if parent.exists())):
             pass
     except OSError as error:
-        raise ConfigError(f"output is {str(folder)!r}; {str(there)!r} cannot be written: {error.strerror}") from None
+        raise ConfigError(f"{asked}, which cannot be written: {error.strerror}") from None
 
 
-def write_solution(solution: Solution, folder: Path, picture: bool = True) -> None:
-    """Write the result, and for a solved problem its path, picture and recording, all or nothing.
+def write_solution(solution: Solution, folder: Path, picture: bool = True) -> dict[str, Any]:
+    """Write the result, and for a solved problem its path, picture and recording, all or nothing; return the result.
 
     `path.csv` has a row per state: time [s] and the joints [rad or m] by name. Its states are on the manifold and so
     close that a controller may go straight between them.
@@ -47,8 +51,8 @@ def write_solution(solution: Solution, folder: Path, picture: bool = True) -> No
         ConfigError: see `check_output`.
     """
     check_output(folder)
-    with atomic_folder(folder) as out:
-        summary = solution.summary()
+    summary = solution.summary()
+    with atomic_folder(folder.resolve()) as out:
         write_json(summary, out / RESULT, "result")
         if solution.solved:
             frame = pd.DataFrame(solution.path, columns=list(solution.built.robot.joint_names))
@@ -60,6 +64,7 @@ def write_solution(solution: Solution, folder: Path, picture: bool = True) -> No
                 robot = solution.built.robot
                 title = f"{robot.name}: {solution.built.constraint.name}, {summary['length']:.2f} rad or m"
                 draw_path(robot, solution.built.obstacles, solution.path, out / PICTURE, title, solution.built.held)
+    return summary
 
 
 def recording(solution: Solution, summary: dict[str, Any]) -> Recording:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
 from pipeline.manifolds import Adherence, dense, make_adherence
+from pipeline.manifolds.base import FINEST
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
@@ -108,7 +109,7 @@ def solve(file: ProblemFile) -> Solution:
     spacing, setup, begin = given.refinement or given.resolution, time.perf_counter() - begin, time.perf_counter()
     end = begin + file.time_limit
     for attempt in range(_ATTEMPTS):
-        finer = {**adherence.parameters, "refinement": spacing / 2**attempt}
+        finer = {**adherence.parameters, "refinement": max(spacing / 2**attempt, FINEST)}
         space = make_adherence(replace(adherence, parameters=finer), built.constraint, built.validity)
         left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
         starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)

@@ -61,10 +61,18 @@ def resolve(uri: str, package_dirs: Sequence[str | Path], beside: Path | None = 
         path = Path(uri.removeprefix("file://"))
         candidates = [path if path.is_absolute() or beside is None else beside / path]
     for candidate in candidates:
-        if candidate.is_file():
+        if is_file(candidate):
             return candidate.resolve()
     places = ", ".join(dict.fromkeys(str(candidate) for candidate in candidates))
     raise RobotError(f"there is no file {uri!r}; looked for {places}")
+
+
+def is_file(path: Path) -> bool:
+    """Tell whether there is such a file; a name no file can have is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element:
@@ -290,7 +298,9 @@ def _limits(name: str, joint: ET.Element, path: Path) -> None:
             raise RobotError(
                 f"the <limit> of joint {name!r} of {path} has {key}={limit.get(key)!r}; it must be a number"
             )
-    lower, upper = (found.get(key, [0.0])[0] for key in ("lower", "upper"))
+    lower, upper, velocity = (found.get(key, [0.0])[0] for key in ("lower", "upper", "velocity"))
+    if velocity < 0:
+        raise RobotError(f"joint {name!r} of {path} has velocity limit {velocity}; it must not be negative")
     if lower > upper:
         raise RobotError(f"joint {name!r} of {path} has lower limit {lower} above its upper limit {upper}")
 

@@ -6,10 +6,9 @@ import pytest
 from pipeline.environments.torus import Mazes
 from pipeline.errors import ConfigError
 from pipeline.evaluation.verifier import VerifierParameters, verify
-from pipeline.manifolds import Adherence, make_adherence
+from pipeline.manifolds import make_adherence
 from pipeline.planners import DynamicDomainRrtConnect, PlanStatus, Problem, RrtConnect, Termination
 from pipeline.planners.dynamic_domain import _Domains
-from pipeline.planners.tree import Tree
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
 
@@ -65,18 +64,26 @@ def test_every_adherence_method_gets_through(method):
     assert found.solved and verified(4, 6, 3, found.path)
 
 
-def test_no_walk_begins_at_a_removed_node():
-    """A node that a failed path has taken out since it was found nearest is passed over, without a walk."""
-    problem, planner, domains = asked(4, 6, 1), DynamicDomainRrtConnect(), _Domains(0.4)
-    space: Adherence = problem.adherence
-    ahead = space.project(problem.start[None] + 0.02)[0]
-    tree = Tree(problem.start)
-    node = tree.add(0, ahead[None])
-    assert planner._extend(space, tree, domains, node, problem.start, 5, True)[1]
-    tree.remove(node)
-    walks = space.counters.traversals
-    assert planner._extend(space, tree, domains, node, problem.goal, 5, False) == (None, False)
-    assert space.counters.traversals == walks and np.isinf(domains.of(np.array([node]))).all()
+def test_stalled_trees_look_more_closely(monkeypatch):
+    """Around new nodes a tree looks a domain away; once it has, random nodes half as far and the sampler take turns."""
+    far, draws = [], []
+    around, sample = DynamicDomainRrtConnect._around, UniformSampler.sample
+
+    def looked(self, space, tree, nodes, distance, rng):
+        far.append(distance)
+        return around(self, space, tree, nodes, distance, rng)
+
+    def drawn(self, *where):
+        draws.append(len(far))
+        return sample(self, *where)
+
+    monkeypatch.setattr(DynamicDomainRrtConnect, "_around", looked)
+    monkeypatch.setattr(UniformSampler, "sample", drawn)
+    planner = DynamicDomainRrtConnect(node_states=1, balanced=True, domain=0.5, spacing=0.45)
+    planner.plan(asked(4, 6, 1), UniformSampler(), Termination(max_iterations=3000), 0)
+    assert far[0] == 0.5 and set(far) == {0.5, 0.25}
+    closely = far.count(0.25)
+    assert len(draws) > 1 and abs(closely - len(draws)) <= 2  # by turns, of each of the two trees
 
 
 def test_the_same_seed_is_the_same_path():

@@ -1,7 +1,7 @@
 """Every example is solved, and what is written holds by pinocchio, coal and the file itself."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 
@@ -12,8 +12,9 @@ import pytest
 
 from pipeline.errors import ProblemError
 from pipeline.manifolds import Adherence
-from pipeline.planners import path_length
+from pipeline.planners import RrtConnect, path_length
 from pipeline.problems import Solution, read_problem, solve
+from pipeline.problems.file import Where
 from pipeline.problems.output import write_solution
 from pipeline.problems.parts import PARTS
 from pipeline.recording import read_recording
@@ -180,6 +181,34 @@ def test_ends_that_no_certified_path_has_are_left_out(monkeypatch):
         solve(found.file)
 
 
+def test_a_start_is_several_configurations(monkeypatch):
+    """A start given as a region is several configurations, from any of which a path may begin; an exact one is one."""
+    asked = []
+    plan = RrtConnect.plan
+
+    def seen(self, problem, *rest):
+        asked.append(problem)
+        return plan(self, problem, *rest)
+
+    monkeypatch.setattr(RrtConnect, "plan", seen)
+    found = solve(solution(next(p for p in EXAMPLES if p.stem == "own_robot_ur5")).file)
+    starts = np.stack(asked[0].all_starts)
+    np.testing.assert_array_equal(starts, found.built.starts)
+    assert len(starts) == found.summary()["starts"] > 1 and (starts == found.path[0]).all(axis=1).any()
+    monkeypatch.setattr(Adherence, "certifiable", lambda self, q: not np.array_equal(q, found.path[0]))
+    other = solve(found.file)
+    assert other.solved and (starts == other.path[0]).all(axis=1).any() and (other.path[0] != found.path[0]).any()
+    exact = solve(solution(next(p for p in EXAMPLES if p.stem == "shapes_panda")).file)
+    assert len(exact.built.starts) == len(exact.built.goals) == 1
+
+
+def test_closer_looks_stay_within_bounds():
+    """A path looked along as closely as allowed is not searched for more closely than that."""
+    fine = {"kind": "projection", "parameters": {"step": 0.01, "resolution": 1e-5}}
+    file = solution(next(p for p in EXAMPLES if p.stem == "line_sawyer")).file
+    assert solve(replace(file, adherence=fine, shortcuts=0, time_limit=1e-3)).status == "time limit"
+
+
 def test_no_path_is_a_result(tmp_path):
     """A problem that is not solved in its time has that as its status, and only the summary is written."""
     found = solve(read_problem(EXAMPLES[0], time_limit=1e-6))
@@ -200,8 +229,9 @@ def test_every_kind_of_scene_and_end_has_an_example():
     files = [read_problem(path) for path in EXAMPLES]
     assert {body.shape for file in files for body in file.obstacles} == set(Shape)
     ends = [end for file in files for end in (file.start, file.goal)]
-    said = {name for end in ends for name in ("joints", "pose", "region", "values") if getattr(end, name) is not None}
-    assert said == {"joints", "pose", "region", "values"} and any(file.grasps for file in files)
+    ways = {field.name for field in fields(Where)} - {"frame", "project"}
+    assert {way for end in ends for way in ways if getattr(end, way) is not None} == ways
+    assert any(file.grasps for file in files)
 
 
 def test_verifier_looks_five_times_as_closely():

@@ -11,7 +11,7 @@ import yaml
 from pipeline.errors import ConfigError, ConstraintError, PipelineError, ProblemError, RobotError
 from pipeline.problems import read_problem, solve
 from pipeline.problems.build import build
-from pipeline.problems.output import check_output
+from pipeline.problems.output import check_output, write_solution
 
 ROOT = Path(__file__).parents[2]
 GOOD = yaml.safe_load((ROOT / "examples" / "upright_panda.yaml").read_text())
@@ -177,7 +177,8 @@ CASES = {
     "adherence of a number": (changed(adherence=3), ConfigError, "adherence is 3"),
     "time limit": (changed(time_limit=0.0), ConfigError, "time_limit is 0.0 s"),
     "margin": (changed(margin=-0.01), ConfigError, "margin is -0.01 m"),
-    "speed": (changed(speed=2.0), ConfigError, "speed is 2.0; it must be above 0 and at most 1"),
+    "speed": (changed(speed=2.0), ConfigError, "speed is 2.0; it must be at least 0.001 and at most 1"),
+    "speed of nothing": (changed(speed=1e-12), ConfigError, "speed is 1e-12"),
     "goals": (changed(goals=0), ConfigError, "goals is 0"),
     "goals without end": (
         changed(goals=10**9),
@@ -187,6 +188,11 @@ CASES = {
     "spacing too fine": (changed(spacing=1e-9), ConfigError, "spacing is 1e-09; it must be at least 0.0001"),
     "names twice": (changed(obstacles=[BOX, BOX]), ConfigError, "'b' more than once"),
     "goal anywhere": (changed(goal={"region": {}}), ConfigError, "has region that say nothing"),
+    "goal anywhere from a frame": (
+        changed(goal={"region": {"x": [-np.inf, np.inf], "origin": {"xyz": [9, 9, 9]}}}),
+        ConfigError,
+        "has region that say nothing",
+    ),
     "goal of no values": (changed(goal={"values": {}}), ConfigError, "has values that say nothing"),
     "seed": (changed(seed=-1), ConfigError, "seed is -1"),
     "a list": ([1, 2], ProblemError, "holds a list"),
@@ -275,16 +281,15 @@ def test_failure_names_bodies_in_contact():
 
 
 def test_a_robot_beside_its_problem(tmp_path):
-    """Files and packages of a robot are found beside the problem, and packages in the folders above it."""
+    """Files and packages of a robot are found from the problem's folder."""
     urdf = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><joint name="one" type="revolute">
       <parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
       <limit lower="-3" upper="3" velocity="1" effort="0"/></joint>
       <joint name="two" type="revolute"><parent link="b"/><child link="c"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>
       <limit lower="-3" upper="3" velocity="1" effort="0"/></joint></robot>"""
-    for folder in ("mine/problems", "mine/packages/p", "q"):
+    for folder in ("mine/problems", "mine/packages/p"):
         (tmp_path / folder).mkdir(parents=True)
-    for file in ("mine/problems/r.urdf", "mine/packages/p/r.urdf", "q/r.urdf"):
-        (tmp_path / file).write_text(urdf)
+        (tmp_path / folder / "r.urdf").write_text(urdf)
     content = {
         "constraints": [{"kind": "plane", "point": [0.5, 0, 0], "normal": [1, 0, 0]}],
         "start": {"values": {"one": -1.0471975511965976}},
@@ -296,21 +301,34 @@ def test_a_robot_beside_its_problem(tmp_path):
         given = {"name": "r", "urdf": uri, "joints": ["one", "two"], "tool": "c", "package_dirs": list(package_dirs)}
         return {"robot": {"kind": "urdf", "parameters": given}}
 
-    for found in (robot("r.urdf"), robot("package://p/r.urdf", "../packages"), robot("package://q/r.urdf")):
+    for found in (robot("r.urdf"), robot("package://p/r.urdf", "../packages")):
         path.write_text(yaml.safe_dump({**content, **found}))
         assert build(read_problem(path)).robot.dimension == 2
-    path.write_text(yaml.safe_dump({**content, **robot("s.urdf")}))
-    with pytest.raises(RobotError, match=r"no file 's\.urdf'; looked for .*mine/problems/s\.urdf"):
-        build(read_problem(path))
+    for missing in ("s.urdf", "s" * 300):
+        path.write_text(yaml.safe_dump({**content, **robot(missing)}))
+        with pytest.raises(RobotError, match=f"no file '{missing}'; looked for .*mine/problems/{missing}"):
+            build(read_problem(path))
 
 
-@pytest.mark.parametrize("place", ["file/out", "/proc/out"])
-def test_an_output_that_cannot_be_written(place, tmp_path):
-    """A folder below a file, or where the system lets nobody write, is refused before anything is planned."""
+@pytest.mark.parametrize("place", ["file", "file/out", "/proc/out", "/", ".", "o" * 300])
+def test_an_output_that_cannot_be_written(place, tmp_path, monkeypatch):
+    """A file, what is below one, the folder this runs in, what the system does not let be: refused, all untouched."""
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ConfigError, match="cannot be written"):
-        check_output(tmp_path / place)
-    assert (tmp_path / "file").read_text() == "mine"
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(ConfigError, match=r"output is .* (cannot be written|is a file|cannot be replaced)"):
+        check_output(Path(place) if place == "." else tmp_path / place)
+    assert (tmp_path / "file").read_text() == "mine" and sorted(p.name for p in tmp_path.iterdir()) == ["file", "here"]
+
+
+def test_an_output_behind_a_link(tmp_path):
+    """A link to an empty folder stays one; the result is where it points."""
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write_solution(
+        solve(read_problem(ROOT / "examples" / "line_sawyer.yaml", time_limit=60.0)), tmp_path / "link", False
+    )
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "real" / "path.csv").is_file()
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess:

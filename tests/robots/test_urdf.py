@@ -251,6 +251,7 @@ BAD_FILES = {
     "no limit": (re.sub(r"<limit.*/>", "", TINY), "'one' .* no <limit>"),
     "limits crossed": (TINY.replace('lower="-1"', 'lower="2"'), "lower limit 2.0 above its upper limit 1.0"),
     "limit no number": (TINY.replace('lower="-1"', 'lower="low"'), "lower='low'"),
+    "velocity below 0": (TINY.replace('velocity="1"', 'velocity="-1"'), "'one' .* has velocity limit -1.0"),
     "no effort": (TINY.replace(' effort="0"', ""), "<limit> of joint 'one' of .* has no effort"),
     "no robot's name": (TINY.replace(' name="tiny"', ""), "<robot> of .* has no name"),
     "effort no number": (TINY.replace('effort="0"', 'effort=""'), "effort=''"),
