@@ -2,10 +2,11 @@
 
 import json
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from matplotlib.patches import Patch
@@ -22,10 +23,10 @@ _OBSTACLES = ("#8A8F98", "#A3A8B0", "#73777F", "#B9BDC4")  # in turns: seen from
 _BETWEENS = 4  # configurations drawn pale between start and goal
 _AROUND = 0.4  # how much of what stands around is shown, in sizes of what the robot passes through
 _PIXELS = (900, 800)
-_VIEWS: tuple[dict[str, Any], ...] = (
-    {"name": "from the side", "direction": (0.55, -0.7, 0.45), "up": (0, 0, 1)},
-    {"name": "from above", "direction": (0, 0, 1), "up": (1, 0, 0)},
-)
+_SIDES = tuple((x, y, 0.45) for x in (0.55, -0.55) for y in (-0.7, 0.7))  # of these the one that shows most
+_ABOVE: dict[str, Any] = {"name": "from above", "direction": (0, 0, 1), "up": (1, 0, 0)}
+_AWAY = 20.0  # where the camera is, for what hides the robot [m]
+_SEEN = 60  # points of the robot that are to be seen
 
 _Mesh = tuple[np.ndarray, np.ndarray, str, float]  # vertices, faces, colour, opacity
 
@@ -60,16 +61,19 @@ def draw_path(
     way = np.array([robot.pose(q, robot.tool).translation for q in path])
     everything = [*still, *placed, *meshes]
     low, high = _extent([*still, *meshes], placed, way)
-    arrays = {"meta": np.array(json.dumps(_meta(everything, low, high)))}
+    points = np.concatenate([way, *(vertices for vertices, *_ in meshes)])
+    side = clearest(_SIDES, points[:: max(len(points) // _SEEN, 1)], obstacles)
+    views = ({"name": "from the side", "direction": side, "up": (0, 0, 1)}, _ABOVE)
+    arrays = {"meta": np.array(json.dumps(_meta(everything, low, high, views)))}
     for k, (vertices, faces, _, _) in enumerate(everything):
         arrays[f"vertices/{k}"], arrays[f"faces/{k}"] = vertices, faces
     arrays |= {"line/0": way, "ball/0": way[0], "ball/1": way[-1]}
     command = (sys.executable, "-P", str(Path(__file__).with_name("scene_vtk.py")))
-    images = None if plain_wanted() else render(command, arrays, len(_VIEWS))
+    images = None if plain_wanted() else render(command, arrays, len(views))
     with style():
         figure = new_figure(10, 5.2)
         figure.suptitle(title, fontsize=10)
-        for k, view in enumerate(_VIEWS):
+        for k, view in enumerate(views):
             axes: Any = figure.add_subplot(1, 2, k + 1, **({} if images is not None else {"projection": "3d"}))
             axes.set_title(view["name"], fontsize=9)
             axes.set_axis_off()
@@ -86,12 +90,28 @@ def draw_path(
     return "matplotlib" if images is None else "VTK"
 
 
-def _meta(meshes: list[_Mesh], low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+def clearest(
+    directions: Sequence[tuple[float, float, float]], points: np.ndarray, obstacles: Sequence[Obstacle]
+) -> tuple[float, float, float]:
+    """Return the first direction from which, far away, the fewest points (m, 3) [m] are hidden by obstacles."""
+    ray, request = coal.Cylinder(1e-3, _AWAY), coal.CollisionRequest()
+    placed = [obstacle.collision_object() for obstacle in obstacles]
+
+    def hidden(direction: tuple[float, float, float]) -> int:
+        towards = np.array(direction) / np.linalg.norm(direction)
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), towards).matrix()
+        rays = (coal.CollisionObject(ray, turn, point + _AWAY / 2 * towards) for point in points)
+        return sum(any(coal.collide(r, o, request, coal.CollisionResult()) for o in placed) for r in rays)
+
+    return min(directions, key=hidden)
+
+
+def _meta(meshes: list[_Mesh], low: np.ndarray, high: np.ndarray, views: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {
         "meshes": [{"color": color, "opacity": opacity} for *_, color, opacity in meshes],
         "lines": [{"color": _PATH, "radius": 0.006}],
         "balls": [{"color": color, "radius": 0.015} for color in (_START, _GOAL)],
-        "views": _VIEWS,
+        "views": views,
         "size": _PIXELS,
         "centre": ((low + high) / 2).tolist(),
         "half": float(0.55 * np.linalg.norm(high - low)),

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from pipeline.reporting.renderer import PLAIN
-from pipeline.reporting.scene_still import _extent, draw_path
+from pipeline.reporting.scene_still import _extent, clearest, draw_path
 from pipeline.robots import Obstacle, Shape, attach
 from tests.reporting.test_stills import shows
 from tests.robots.named import named
@@ -44,6 +44,17 @@ def test_what_is_held_and_what_stands_around_are_shown(tmp_path, monkeypatch):
         away = [(far + 5.0, np.empty((0, 3), int), "", 1.0)]
         np.testing.assert_allclose(_extent([(reach, np.empty((0, 3), int), "", 1.0)], away, reach), reach)
         assert high[0] == pytest.approx(shown)
+
+
+def test_the_side_view_is_not_behind_a_wall():
+    """With a wall on two of four sides the view is from a third; without any, or between equals, from the first."""
+    sides = [(0.55, -0.7, 0.45), (0.55, 0.7, 0.45), (-0.55, -0.7, 0.45), (-0.55, 0.7, 0.45)]
+    points = np.random.default_rng(0).uniform(-0.2, 0.2, (20, 3))
+    front = Obstacle(Shape.BOX, (0.5, 0, 0), (0, 0, 0, 1), (0.02, 4.0, 4.0))
+    right = Obstacle(Shape.BOX, (0, -0.5, 0), (0, 0, 0, 1), (4.0, 0.02, 4.0))
+    assert clearest(sides, points, ()) == sides[0]
+    assert clearest(sides, points, (front,)) == sides[2]
+    assert clearest(sides, points, (front, right)) == sides[3]
 
 
 def test_a_path_of_one_state(tmp_path, monkeypatch):
