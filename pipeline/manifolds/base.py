@@ -19,7 +19,7 @@ import numpy as np
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds.certificate import Certificate
-from pipeline.manifolds.screening import SHARES, Screen
+from pipeline.manifolds.screening import POINTS, Screen
 from pipeline.robots import Validity
 
 FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
@@ -242,16 +242,17 @@ class Adherence(ABC):
     def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tell of edges, rows of q_from and q_to (m, n), whether they look free (m,), and about how long they are (m,).
 
-        Looks at points every sixteenth of the straight line, projected, the middle first: what fails among obstacles
-        fails there, at a fraction of the price of a walk. True promises nothing: the walk decides. On an edge long
-        against the manifold's curvature the walk may pass elsewhere and be refused without need.
+        Looks at points every sixteenth of the straight line, projected, at a fraction of the price of a walk. True
+        promises nothing: the walk decides. On an edge long against the manifold's curvature the walk may pass elsewhere
+        and be refused without need.
         """
-        self.counters.projections += len(SHARES) * len(q_from)
-        return self._screen.look(q_from, q_to, self.validity, self._wide, self._vouched / 2)
+        self.counters.projections += POINTS * len(q_from)
+        return self._screen.look(q_from, q_to, self.validity)
 
     def prepare_screen(self) -> None:
         """Make what `screen` needs, which otherwise its first call does."""
         _ = self._screen
+        self.validity.prepare()
 
     @cached_property
     def _screen(self) -> Screen:

@@ -5,7 +5,6 @@ fails, its sample is hung onto another neighbour, and without one its branch is 
 """
 
 import heapq
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -162,17 +161,18 @@ class _Wave:
             return  # an entry left behind by a repair
         near = self.neighbours[z]
         waiting = near[self.state[near] == _UNVISITED]
-        joined = []
+        joined: list[tuple[int, int, float]] = []
         if len(waiting):
-            costs = self.reach[self.neighbours[waiting]] + self.distances[waiting]  # (m, width)
+            others = self.neighbours[waiting]  # (m, width)
+            costs = self.reach[others] + self.distances[waiting]
             best = costs.argmin(axis=1)
             rows = np.arange(len(waiting))
             # z has the sample among its neighbours, which does not mean that the sample has z among its own.
-            parents = np.where(np.isfinite(costs[rows, best]), self.neighbours[waiting, best], z)
-            joined = self._connect(zip(parents.tolist(), waiting.tolist(), strict=True))
+            parents = np.where(np.isfinite(costs[rows, best]), others[rows, best], z)
+            joined = self._connect(parents, waiting)
         self.state[z], self.reach[z] = _CLOSED, np.inf
-        for x in joined:
-            self._open(x)
+        for edge in joined:
+            self._hang(*edge)
 
     def join(self, q: np.ndarray) -> bool:
         """Add a sample and connect it to the cheapest reachable closed neighbour; without one it stays unvisited."""
@@ -184,12 +184,11 @@ class _Wave:
         if not len(tree):
             return False
         x = self._append(q, near, distances[near])
-        order = tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")]
-        for y in order[:_TRIES].tolist():
-            if self._connect([(y, x)]):
-                self._open(x)
-                return True
-        return False
+        parents = tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")][:_TRIES]
+        found = self._connect(parents, np.full(len(parents), x))
+        if found:
+            self._hang(*found[0])
+        return len(found) > 0
 
     def path(self) -> np.ndarray | None:
         """Walk along the tree to the goal; return the path if all of it holds, else mend the tree where it fails."""
@@ -219,23 +218,33 @@ class _Wave:
         refined = self.space.refine(np.concatenate([self.q[:1], *ways]))
         return None if refined.invalid is None else owners[refined.invalid], refined.states
 
-    def _connect(self, edges: Iterable[tuple[int, int]]) -> list[int]:
-        """Put samples into the tree by the edges (parent, sample) that look free; return the samples."""
-        asked = [edge for edge in edges if edge not in self.blocked]
-        if not asked:
+    def _connect(self, parents: np.ndarray, samples: np.ndarray) -> list[tuple[int, int, float]]:
+        """Return those edges (parents[i], samples[i]) that look free, with their lengths; remember the others."""
+        edges = list(zip(parents.tolist(), samples.tolist(), strict=True))
+        unknown = [i for i, edge in enumerate(edges) if edge not in self.blocked]
+        if not unknown:
             return []
-        parents, samples = np.array(asked).T
+        if len(unknown) < len(edges):
+            parents, samples, edges = parents[unknown], samples[unknown], [edges[i] for i in unknown]
         promising, lengths = self.space.screen(self.q[parents], self.q[samples])
-        self.blocked.update(edge for edge, holds in zip(asked, promising.tolist(), strict=True) if not holds)
-        joined = samples[promising]
-        self.parent[joined] = parents[promising]
-        self.cost[joined] = self.cost[parents[promising]] + lengths[promising]
-        return joined.tolist()
+        found = []
+        for edge, holds, way in zip(edges, promising.tolist(), lengths.tolist(), strict=True):
+            if holds:
+                found.append((*edge, way))
+            else:
+                self.blocked.add(edge)
+        return found
+
+    def _hang(self, parent: int, x: int, way: float) -> None:
+        """Put x into the tree, below `parent` by an edge of length `way`, and into the front."""
+        self.parent[x], self.cost[x] = parent, self.cost[parent] + way
+        self._open(x)
 
     def _open(self, x: int) -> None:
-        self.state[x], self.reach[x] = _OPEN, self.cost[x]
+        cost = float(self.cost[x])
+        self.state[x], self.reach[x] = _OPEN, cost
         ahead = length(self.q[x] - self.q[_GOAL]) if self.heuristic else 0.0
-        heapq.heappush(self.front, (float(self.cost[x]) + ahead, x))
+        heapq.heappush(self.front, (cost + ahead, x))
 
     def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
         x = self.count
