@@ -185,10 +185,12 @@ class _Wave:
             return False
         x = self._append(q, near, distances[near])
         parents = tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")][:_TRIES]
-        found = self._connect(parents, np.full(len(parents), x))
-        if found:
-            self._hang(*found[0])
-        return len(found) > 0
+        for tried in (parents[:1], parents[1:]):  # the others at once, for the price of two
+            found = self._connect(tried, np.full(len(tried), x))
+            if found:
+                self._hang(*found[0])
+                return True
+        return False
 
     def path(self) -> np.ndarray | None:
         """Walk along the tree to the goal; return the path if all of it holds, else mend the tree where it fails."""
