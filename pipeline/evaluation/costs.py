@@ -21,6 +21,7 @@ from pipeline.evaluation.statistics import summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.learning import CompnetxNetwork
 from pipeline.manifolds import Adherence, Traversal, make_adherence
+from pipeline.manifolds.screening import POINTS
 from pipeline.parallel import run_shards
 from pipeline.planners import PLANNERS, Planner, Problem, Termination
 from pipeline.robots import Validity
@@ -32,6 +33,7 @@ PARTS = ("part", "per", "n", "median [us]", "p95 [us]")
 SCALING = ("workers", "demonstrations", "start [s]", "work [s]", "speed-up", "speed-up without start", "same paths")
 _WARM_UP = 10  # calls that are not counted
 _BATCH = 32  # rows of a batch, of projections and network samples alike: a block of the uniform sampler
+_EDGE = 0.3  # length of a typical edge of FMT* [m]
 _Part = tuple[str, str, np.ndarray]  # name, what of, cost of each repetition [us]
 
 
@@ -205,6 +207,12 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
     free = np.array([checker.free(q) for q in states])
     for name, found in (("free", states[free]), ("colliding", states[~free])):
         yield f"validity, {name}", "check", times_us(checker.free, found[: place.parts.calls])
+    begin = states[free][: place.parts.calls]
+    way = rng.normal(size=begin.shape)
+    way *= _EDGE / np.linalg.norm(way, axis=1, keepdims=True)
+    lines = begin[:, None] + np.arange(1, POINTS + 1)[:, None] / (POINTS + 1) * way[:, None]
+    edges = constraint.project_batch(lines.reshape(-1, constraint.n))[0].reshape(lines.shape)
+    yield f"validity, {POINTS} along {_EDGE} m at once", "check", times_us(checker.all_free, edges) / POINTS
     random = rng.uniform(robot.lower, robot.upper, (place.parts.calls, _BATCH, constraint.n))
     yield "projection of a random configuration", "call", times_us(constraint.project, random[:, 0])
     batches = times_us(constraint.project_batch, random) / _BATCH

@@ -106,8 +106,8 @@ def test_parts(tables):
     assert tuple(parts.columns) == PARTS
     places = ("among obstacles", "without obstacles")
     walks = [f"traverse, {key.replace('_', ' ')}, {place}" for key in ADHERENCES for place in places]
-    expected = [*walks, "validity, free", "validity, colliding", "projection of a random configuration"]
-    expected += ["projection of 32 random configurations", "scene encoding"]
+    expected = [*walks, "validity, free", "validity, colliding", "validity, 15 along 0.3 m at once"]
+    expected += ["projection of a random configuration", "projection of 32 random configurations", "scene encoding"]
     expected += [f"network sample, K = {K}" for K in (1, 1, 32, 32)] + ["refine", "verifier"]
     assert list(parts["part"]) == expected
     values = parts[["n", "median [us]", "p95 [us]"]].astype(float)
