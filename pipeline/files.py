@@ -3,8 +3,10 @@
 Every table, array file and JSON document carries a schema name and a version. Bytes depend on the content only.
 """
 
+import fcntl
 import hashlib
 import json
+import logging
 import os
 import shutil
 import sys
@@ -20,6 +22,7 @@ import pyarrow.parquet as pq
 
 from pipeline.errors import ArtifactError
 
+log = logging.getLogger(__name__)
 VERSION = 1  # one version for all schemas; raised when any of them changes incompatibly
 
 
@@ -65,6 +68,28 @@ def atomic_entries(folder: Path) -> Iterator[Path]:
             shutil.rmtree(target)
         os.replace(entry, target)
     (folder / ".entries").rmdir()
+
+
+@contextmanager
+def exclusive(folder: Path) -> Iterator[None]:
+    """Make `folder` and keep it to this process until the block ends; wait while another one has it.
+
+    A stage may outlive the command that started it (only `dvc` was killed, say): a second one would repeat its work
+    beside it. The lock dies with the process.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder.with_name(f".{folder.name}.lock"), "a+") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            stream.seek(0)
+            log.warning("waiting for process %s, which is at work in %s", stream.read() or "unknown", folder)
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        stream.truncate(0)
+        stream.write(str(os.getpid()))
+        stream.flush()
+        yield
 
 
 def write_table(frame: pd.DataFrame, path: Path, schema: str) -> None:

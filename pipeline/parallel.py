@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.files import read_table, write_table
+from pipeline.files import exclusive, read_table, write_table
 
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
@@ -31,6 +31,8 @@ def run_shards(
 ) -> list[pd.DataFrame]:
     """Return `work(item)` for every (name, item) in order; finished shards of an earlier run are read, not repeated.
 
+    Waits while another process works in the same scratch folder.
+
     Args:
         work: a picklable function of one item; runs in other processes with one thread each.
         items: unique shard names and their items.
@@ -43,25 +45,25 @@ def run_shards(
     """
     if workers < 0:
         raise ConfigError(f"workers is {workers}; it must be at least 0 (0 uses all cores)")
-    scratch.mkdir(parents=True, exist_ok=True)
-    found: dict[str, pd.DataFrame] = {}
-    for name, _ in items:
-        try:
-            found[name] = read_table(scratch / f"{name}.parquet", "shard")
-        except ArtifactError:
-            continue
-    waiting = [(name, item) for name, item in items if name not in found]
-    if found:
-        log.info("%s: %d of %d shards are there from an earlier run", label, len(found), len(items))
-    processes = min(workers or len(os.sched_getaffinity(0)), max(len(waiting), 1))
-    with _Progress(label, len(items), len(found)) as progress:
-        # One process runs in this one: no pool to start, and a debugger can step into it.
-        jobs = (delayed(_shard)(work, name, item, scratch) for name, item in waiting)
-        pool = Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-        for name, frame in pool(jobs):
-            found[name] = frame
-            progress.advance()
-    return [found[name] for name, _ in items]
+    with exclusive(scratch):
+        found: dict[str, pd.DataFrame] = {}
+        for name, _ in items:
+            try:
+                found[name] = read_table(scratch / f"{name}.parquet", "shard")
+            except ArtifactError:
+                continue
+        waiting = [(name, item) for name, item in items if name not in found]
+        if found:
+            log.info("%s: %d of %d shards are there from an earlier run", label, len(found), len(items))
+        processes = min(workers or len(os.sched_getaffinity(0)), max(len(waiting), 1))
+        with _Progress(label, len(items), len(found)) as progress:
+            # One process runs in this one: no pool to start, and a debugger can step into it.
+            jobs = (delayed(_shard)(work, name, item, scratch) for name, item in waiting)
+            pool = Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+            for name, frame in pool(jobs):
+                found[name] = frame
+                progress.advance()
+        return [found[name] for name, _ in items]
 
 
 @contextmanager

@@ -1,7 +1,11 @@
 """Files are written whole or not at all; what is truncated, foreign or of another version is refused by name."""
 
 import json
+import logging
 import re
+import subprocess
+import sys
+import threading
 
 import numpy as np
 import pandas as pd
@@ -15,6 +19,7 @@ from pipeline.files import (
     atomic_file,
     atomic_folder,
     digest,
+    exclusive,
     read_arrays,
     read_json,
     read_table,
@@ -230,3 +235,40 @@ def test_digest_depends_on_content_only(tmp_path):
     ]
     assert len({same, *others}) == 5
     assert re.fullmatch("[0-9a-f]{16}", same)
+
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from pipeline.files import exclusive
+with exclusive(Path(sys.argv[1])):
+    print("in", flush=True)
+    sys.stdin.readline()
+print("out", flush=True)
+"""
+
+
+def test_a_folder_is_worked_in_by_one_process_at_a_time(tmp_path, caplog):
+    """A second process waits, saying for which one, until the first has left or was killed."""
+    folder = tmp_path / "deep" / "work"
+    for leave in (lambda process: process.communicate("\n", timeout=30), lambda process: process.kill()):
+        process = subprocess.Popen(
+            [sys.executable, "-c", HOLDER, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout.readline() == "in\n"
+        entered = threading.Event()
+
+        def enter(entered=entered):
+            with exclusive(folder):
+                entered.set()
+
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            other = threading.Thread(target=enter)
+            other.start()
+            assert not entered.wait(0.3)
+            leave(process)
+            other.join(30)
+        assert entered.is_set()
+        assert f"waiting for process {process.pid}" in caplog.text and str(folder) in caplog.text
+        process.wait(30)

@@ -20,7 +20,7 @@ import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, RichProgressBar
 
 from pipeline.errors import ArtifactError, require
-from pipeline.files import VERSION, digest
+from pipeline.files import VERSION, digest, exclusive
 from pipeline.learning.batches import Batches, TrainingData
 from pipeline.learning.model import Model, Normalisation, network_from
 from pipeline.learning.module import CompnetxModule, Curves
@@ -105,7 +105,7 @@ def train(
     """
     data.check(network, normalisation)
     folder = Path(scratch).resolve() / _key(parameters, network, normalisation, data)
-    with _settings(parameters.threads):
+    with exclusive(folder), _settings(parameters.threads):
         torch.manual_seed(parameters.seed)  # of the first weights; the rest of the run asks torch for no chance
         voxels, steps = torch.from_numpy(data.voxels).float(), -(-len(data.train) // parameters.batch_size)
         rise = round(parameters.warmup * steps)

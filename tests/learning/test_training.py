@@ -72,7 +72,7 @@ def test_killed_and_continued(data, unbroken, tmp_path):
         check=False,
     )
     assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
-    (folder,) = (tmp_path / "broken").iterdir()
+    (folder,) = (path for path in (tmp_path / "broken").iterdir() if path.is_dir())
     assert len(pd.read_csv(folder / "curves.csv")) == 3
     continued, (whole, scratch) = run(data, tmp_path / "broken"), unbroken
     assert list((tmp_path / "broken").iterdir()) == [folder]
