@@ -61,6 +61,11 @@ def unbroken(tmp_path_factory) -> tuple[Trained, Path]:
     return run(make_data(), scratch), scratch
 
 
+def folders(path: Path) -> list[Path]:
+    """Folders in a folder."""
+    return [entry for entry in path.iterdir() if entry.is_dir()]
+
+
 def test_killed_and_continued(data, unbroken, tmp_path):
     """A run killed in the middle of an epoch and continued ends with the bytes and the curves of an unbroken one."""
     killed = subprocess.run(
@@ -72,10 +77,10 @@ def test_killed_and_continued(data, unbroken, tmp_path):
         check=False,
     )
     assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
-    (folder,) = (path for path in (tmp_path / "broken").iterdir() if path.is_dir())
+    (folder,) = folders(tmp_path / "broken")
     assert len(pd.read_csv(folder / "curves.csv")) == 3
     continued, (whole, scratch) = run(data, tmp_path / "broken"), unbroken
-    assert list((tmp_path / "broken").iterdir()) == [folder]
+    assert folders(tmp_path / "broken") == [folder]
     assert stored(continued, tmp_path / "a.pt") == stored(whole, tmp_path / "b.pt")
     pd.testing.assert_frame_equal(continued.curves, whole.curves, check_exact=True)
     assert (folder / "curves.csv").read_bytes() == (scratch / folder.name / "curves.csv").read_bytes()
