@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence
@@ -115,9 +116,9 @@ class FmtStar(Planner):
         while not wave.front and not clock.out_of_time():
             tree = np.flatnonzero(wave.state[: wave.count] == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=K)]]
-            for q in sampler.sample(current, goals):
-                if problem.adherence.validity.free(q):
-                    wave.join(q)
+            free = [q for q in sampler.sample(current, goals) if problem.adherence.validity.free(q)]
+            if free:
+                wave.join(np.array(free))
             if clock.tick() is not None:
                 return
 
@@ -174,23 +175,42 @@ class _Wave:
         for edge in joined:
             self._hang(*edge)
 
-    def join(self, q: np.ndarray) -> bool:
-        """Add a sample and connect it to the cheapest reachable closed neighbour; without one it stays unvisited."""
-        offsets = self.q[: self.count] - q
-        distances = np.sqrt(np.einsum("ij,ij->i", offsets, offsets))
-        self.space.counters.nearest_queries += 1
-        near = np.argpartition(distances, self.k)[: self.k] if self.k < self.count else np.arange(self.count)
-        tree = near[self.state[near] == _CLOSED]
-        if not len(tree):
-            return False
-        x = self._append(q, near, distances[near])
-        parents = tree[np.argsort(self.cost[tree] + distances[tree], kind="stable")][:_TRIES]
-        for tried in (parents[:1], parents[1:]):  # the others at once, for the price of two
-            found = self._connect(tried, np.full(len(tried), x))
-            if found:
-                self._hang(*found[0])
-                return True
-        return False
+    def join(self, Q: np.ndarray) -> None:
+        """Add samples (m, n) and connect each to its cheapest reachable closed neighbour.
+
+        The tree is the same as if they came one by one: a sample knows those before it, but is not connected to them.
+        One without a closed neighbour is left out; one that can reach none of them stays unvisited.
+        """
+        distances = cdist(Q, self.q[: self.count])
+        self.space.counters.nearest_queries += len(Q)
+        near = self._nearest(distances)
+        beside = (self.state[near] == _CLOSED).any(axis=1)
+        if not beside.any():
+            return
+        Q, distances, near = Q[beside], distances[beside], near[beside]
+        if len(Q) > 1:
+            others = cdist(Q, Q)
+            others[np.triu_indices(len(Q))] = np.inf
+            distances = np.concatenate([distances, others], axis=1)
+            near = self._nearest(distances)
+        distances = np.take_along_axis(distances, near, axis=1)
+        samples = np.array([self._append(*row) for row in zip(Q, near, distances, strict=True)])
+        costs = np.where(self.state[near] == _CLOSED, self.cost[near] + distances, np.inf)
+        order = np.argsort(costs, axis=1, kind="stable")[:, :_TRIES]
+        parents, reachable = np.take_along_axis(near, order, axis=1), np.take_along_axis(costs, order, axis=1) < np.inf
+        for tries in (slice(0, 1), slice(1, _TRIES)):  # the cheapest first: it often holds
+            left = self.state[samples] == _UNVISITED
+            asked = reachable[left, tries]
+            edges = parents[left, tries][asked], np.repeat(samples[left], asked.sum(axis=1))
+            for parent, x, way in self._connect(*edges):
+                if self.state[x] == _UNVISITED:
+                    self._hang(parent, x, way)
+
+    def _nearest(self, distances: np.ndarray) -> np.ndarray:
+        """Return the columns of the k least entries in each row of distances (m, N)."""
+        if self.k >= distances.shape[1]:
+            return np.repeat(np.arange(distances.shape[1])[None], len(distances), axis=0)
+        return np.argpartition(distances, self.k, axis=1)[:, : self.k]
 
     def path(self) -> np.ndarray | None:
         """Walk along the tree to the goal; return the path if all of it holds, else mend the tree where it fails."""
