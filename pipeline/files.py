@@ -4,6 +4,7 @@ Every table, array file and JSON document carries a schema name and a version. B
 """
 
 import fcntl
+import glob
 import hashlib
 import json
 import logging
@@ -41,9 +42,15 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path` that replaces it on success and vanishes on failure."""
+    """Yield a temporary folder beside `path` that replaces it on success and vanishes on failure.
+
+    What processes that were killed have left there goes too.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):
+        if not _runs(left.name.split(".")[-2]):
+            shutil.rmtree(left, ignore_errors=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir()
@@ -178,6 +185,17 @@ def digest(*parts: Any) -> str:
             state.update(json.dumps(part, sort_keys=True, default=str).encode())
         state.update(b"\0")  # (1, 23) is not (12, 3)
     return state.hexdigest()[:16]
+
+
+def _runs(process: str) -> bool:
+    """Tell whether a process of this number runs."""
+    try:
+        os.kill(int(process), 0)
+    except (ValueError, ProcessLookupError):
+        return False
+    except PermissionError:  # it runs, as somebody else's
+        pass
+    return True
 
 
 def _require(path: Path) -> None:

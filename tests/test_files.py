@@ -221,6 +221,27 @@ def test_folder_replaces_the_older_one_or_vanishes(tmp_path):
     assert (tmp_path / "folder" / "second").read_text() == "second"
 
 
+def test_folders_left_by_killed_processes_go(tmp_path):
+    """The half-written folder of a process that was killed is gone after the next write; one at work keeps its own."""
+    begun = "import sys, time; from pathlib import Path; from pipeline.files import atomic_folder\n"
+    begun += "with atomic_folder(Path(sys.argv[1])) as out:\n"
+    begun += "    (out / 'a').write_text('half'); print('in', flush=True); time.sleep(60)"
+    processes = [
+        subprocess.Popen([sys.executable, "-c", begun, str(tmp_path / "out")], stdout=subprocess.PIPE) for _ in range(2)
+    ]
+    for process in processes:
+        assert process.stdout.readline() == b"in\n"
+    killed, working = processes
+    killed.kill()
+    killed.wait(30)
+    assert len(list(tmp_path.glob(".out.*.partial"))) == 2
+    with atomic_folder(tmp_path / "out") as out:
+        (out / "a").write_text("whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f".out.{working.pid}.partial", "out"]
+    working.kill()
+    working.wait(30)
+
+
 def test_digest_depends_on_content_only(tmp_path):
     """Equal files and values have equal digests whatever their names and key order; any change makes another one."""
     for name, text in (("a", "x"), ("b", "x"), ("c", "y")):

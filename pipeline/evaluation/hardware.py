@@ -34,10 +34,17 @@ def _installed(names: tuple[str, ...]) -> dict[str, str]:
 
 
 def _commit() -> str:
-    found = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=Path(__file__).parent, capture_output=True, text=True
-    )
-    return found.stdout.strip() if found.returncode == 0 else "unknown"
+    """Return the short hash of the commit, marked where tracked code or configuration differs from it."""
+    head = _git("rev-parse", "--short", "HEAD")
+    if head is None:
+        return "unknown"
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ":/pipeline", ":/stages", ":/conf")
+    return head + ("-dirty" if changed else "")
+
+
+def _git(*arguments: str) -> str | None:
+    found = subprocess.run(["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True)
+    return found.stdout.strip() if found.returncode == 0 else None
 
 
 def _first(path: Path, key: str) -> str | None:

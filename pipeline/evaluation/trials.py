@@ -1,5 +1,6 @@
 """Trials: every method on every problem, verified, one row each."""
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,6 +15,7 @@ from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
 from pipeline.samplers import Sampler
 from pipeline.samplers.choices import Learned, make_sampler
+from pipeline.samplers.compnetx import CompnetxSampler
 from pipeline.schema import Choice
 
 
@@ -147,6 +149,8 @@ def sample_clouds(
 ) -> dict[str, np.ndarray]:
     """Return `count` samples of every batch sampler for the first problem of each scenario, as FMT* asks for them.
 
+    A learned sampler never falls back to the classical one here: the picture is of what the network proposes.
+
     Keys are "<scenario>/<label>" (N, n), "<scenario>/start" and "<scenario>/goal" (n,).
     """
     adherence = next(iter(experiment.adherences.values()))
@@ -162,6 +166,8 @@ def sample_clouds(
             if not isinstance(planner, FmtStar):
                 continue
             sampler = make_sampler(method.sampler, learned)
+            if isinstance(sampler, CompnetxSampler):
+                sampler.n_ismp = sys.maxsize
             space.reset()
             sampler.start(space, np.random.default_rng(experiment.seed), scene.name)
             batch = replace(planner, samples=count + 2)

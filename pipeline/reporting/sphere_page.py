@@ -117,7 +117,8 @@ def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.Data
     summary = verdict.verdict_summary(verdicts)
     met, missed = (int((summary["met"] == answer).sum()) for answer in (verdict.YES, verdict.NO))
     open_ones = len(summary) - met - missed
-    sentence = f"Of {len(summary)} expectations (three per scenario), met: {met}; not met: {missed}"
+    each = len(summary) // summary["scenario"].nunique()
+    sentence = f"Of {len(summary)} expectations ({each} per scenario), met: {met}; not met: {missed}"
     sentence += f"; not to be compared: {open_ones}." if open_ones else "."
     return [sentence, summary, escape(verdict.SUMMARY_NOTE)]
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
 
 from pipeline.evaluation import Comparison, mcnemar, paired_interval, summary, wilson
@@ -21,7 +22,7 @@ LENGTH = (
 )  # fmt: skip
 EFFORT = (
     "method", "adherence", "n", "projections (median)", "collision checks (median)", "samples (median)",
-    "fallback share of samples (median)", "network share of time (median)",
+    "fallback share of samples (all trials together)", "trials with fallback samples", "network share of time (median)",
 )  # fmt: skip
 
 RESULTS_NOTE = (
@@ -138,9 +139,10 @@ def _effort(group: pd.DataFrame) -> dict[str, object]:
         f"{name.replace('_', ' ')} (median)": text.fixed(_median(group[name]), 0)
         for name in ("projections", "collision_checks", "samples")
     }
-    fallback = group["fallback_samples"] / group["samples"].where(group["samples"] > 0)
+    drawn, fallback = int(group["samples"].sum()), group["fallback_samples"]
     network = group["network_time"] / group["planning_time"].where(group["planning_time"] > 0)
-    cells["fallback share of samples (median)"] = text.percent(_median(fallback))
+    cells["fallback share of samples (all trials together)"] = text.percent(fallback.sum() / drawn if drawn else np.nan)
+    cells["trials with fallback samples"] = text.percent((fallback > 0).mean() if len(group) else np.nan)
     cells["network share of time (median)"] = text.percent(_median(network))
     return cells
 

@@ -5,22 +5,23 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from pipeline.evaluation import Comparison, Interval, paired_interval, summary, wilson
+from pipeline.evaluation import Center, Comparison, Interval, paired_interval, summary, wilson
 from pipeline.reporting import text
 from pipeline.reporting.frames import LEARNED, both_solved, check_trials, groups, ordered, pair
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
 
 SUCCESS = "success at least the paper's"
-SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio"
+SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio, by medians"
+MEAN_SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio, by means as in the paper"
 SHORTER = "CoMPNetX-FMT*'s paths shorter than RRTConnect's"
 
 YES, NO, NO_DATA, NO_NUMBER = "yes", "no", "not measured", "paper gives no number"
 COLUMNS = ("scenario", "expectation", "method", "adherence", "met", "ours", "paper", "remark")
 
 _HOW = (
-    "Success: the fraction of trials with a verified path. Speed: the ratio of median times on the problems that both "
-    "solved (the paper's is a ratio of mean times). Length: the difference of median lengths on the problems that both "
-    "solved."
+    "Success: the fraction of trials with a verified path. Speed: the ratio of median times, which says what a usual "
+    "problem gains, and of mean times, as the paper takes it, in which a few hard problems weigh most; both on the "
+    "problems that both methods solved. Length: the difference of median lengths on the problems that both solved."
 )
 SUMMARY_NOTE = f"An expectation is met when every method and adherence that can be compared meets it. {_HOW}"
 VERDICT_NOTE = (
@@ -38,8 +39,9 @@ def verdict_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -
     rows: list[tuple[str, ...]] = []
     for scenario in ordered(trials["scenario"], "scenario"):
         rows += _success(trials, scenario, paper)
-        for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
-            rows.append(_speed(trials, scenario, adherence, paper))
+        for expectation, center in ((SPEED, Center.MEDIAN), (MEAN_SPEED, Center.MEAN)):
+            for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
+                rows.append(_speed(trials, scenario, adherence, paper, expectation, center))
         for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
             rows.append(_shorter(trials, scenario, adherence))
     return pd.DataFrame(rows, columns=list(COLUMNS))
@@ -70,20 +72,24 @@ def _success(trials: pd.DataFrame, scenario: str, paper: Sequence[PaperResult]) 
         yield (*head, _answer(ours, met), text.rate(ours), said.success_text, _doubt(ours, said.success))
 
 
-def _speed(trials: pd.DataFrame, scenario: str, adherence: str, paper: Sequence[PaperResult]) -> tuple[str, ...]:
+def _speed(
+    trials: pd.DataFrame,
+    scenario: str,
+    adherence: str,
+    paper: Sequence[PaperResult],
+    expectation: str,
+    center: Center,
+) -> tuple[str, ...]:
     learned, classical = f"{LEARNED}FMT*", "FMT*"
     fast, slow = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
-    ours = paired_interval(slow, fast, Comparison.RATIO)
+    ours = paired_interval(slow, fast, Comparison.RATIO, center)
     printed = speed_up(paper, scenario, adherence, learned, classical)
-    head = (scenario, SPEED, f"{learned} / {classical}", adherence)
+    head = (scenario, expectation, f"{learned} / {classical}", adherence)
     if printed is None:
         return (*head, NO_NUMBER, text.interval(ours, "×"), text.NONE, "")
-    remarks = [_doubt(ours, printed), f"n = {len(fast)}"]
-    means = _ratio_of_means(trials, scenario, adherence, learned, classical)
-    if not math.isnan(means):  # the paper's own way of taking the ratio, so that a disagreement cannot hide
-        remarks.insert(1, f"ratio of mean times, each over its solved trials: {text.fixed(means, 2)}×")
+    remark = _join([_doubt(ours, printed), f"n = {len(fast)}"])
     met = ours.estimate >= printed
-    return (*head, _answer(ours, met), text.interval(ours, "×"), f"{text.fixed(printed, 2)}×", _join(remarks))
+    return (*head, _answer(ours, met), text.interval(ours, "×"), f"{text.fixed(printed, 2)}×", remark)
 
 
 def _shorter(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, ...]:
@@ -94,14 +100,6 @@ def _shorter(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, 
     medians = " m and ".join(text.number(summary(side).median) for side in lengths)
     remark = _join([_doubt(ours, 0.0), f"medians {medians} m", f"n = {len(lengths[0])}"])
     return (*head, _answer(ours, ours.estimate < 0), text.interval(ours, " m"), "shorter", remark)
-
-
-def _ratio_of_means(trials: pd.DataFrame, scenario: str, adherence: str, learned: str, classical: str) -> float:
-    part = trials[(trials["scenario"] == scenario) & (trials["adherence"] == adherence) & trials["solved"].astype(bool)]
-    fast, slow = (
-        summary(part.loc[part["method"] == m, "planning_time"].to_numpy(float)).mean for m in (learned, classical)
-    )
-    return slow / fast
 
 
 def _answer(ours: Interval, met: bool) -> str:

@@ -227,6 +227,15 @@ def test_metrics_summarise_by_method(trials):
             assert numbers["median_length"] == pytest.approx(np.median(rows[rows["solved"]]["path_length"]))
 
 
+def test_clouds_are_of_the_network_alone(learned):
+    """However early plans of the learned method fall back to the classical sampler, its cloud is the same."""
+    clouds = []
+    for n_ismp in (1, 1000):
+        method = replace(METHODS["learned_fmt"], sampler=Choice("compnetx", {"batch": 4, "n_ismp": n_ismp}))
+        clouds.append(sample_clouds(experiment(methods={"x": method}), ENVIRONMENT, SCENES, learned, PROBLEMS, 50))
+    np.testing.assert_array_equal(*(cloud[f"{BLOCKS}/L-FMT*"] for cloud in clouds))
+
+
 def test_clouds_are_the_samples_fmt_asks_for(learned):
     """Each scenario has its start, goal and a cloud per FMT* method: of the size asked for, free, repeatable."""
     problems = pd.concat([PROBLEMS, ENVIRONMENT.problems(SCENES[BANDS], 2)])

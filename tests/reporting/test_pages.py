@@ -87,9 +87,9 @@ def test_conclusions_follow_the_data(report):
             line.split("|")[3].strip() for line in section.splitlines() if re.search("faster than|shorter than", line)
         ]
 
-    assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 4
-    sentence = re.search(r"Of 6 expectations .* met: (\d); not met: (\d)", sphere_page(worse, {}, PROVENANCE, worse))
-    assert sentence and int(sentence[1]) + int(sentence[2]) == 6
+    assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 6
+    sentence = re.search(r"Of 8 expectations .* met: (\d); not met: (\d)", sphere_page(worse, {}, PROVENANCE, worse))
+    assert sentence and int(sentence[1]) + int(sentence[2]) == 8
 
 
 def test_the_page_of_no_trials_says_so():
