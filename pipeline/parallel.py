@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import pandas as pd
 from joblib import Parallel, delayed
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
 
@@ -92,7 +93,7 @@ class _Progress:
         self.bar: Progress | None = None
         if sys.stderr.isatty():
             columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-            self.bar = Progress(*columns, TimeRemainingColumn())
+            self.bar = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True))
             self.task = self.bar.add_task(label, total=total, completed=done)
 
     def __enter__(self) -> "_Progress":

@@ -12,7 +12,7 @@ from pipeline.environments import BANDS, BLOCKS, ENVIRONMENTS, Split, pick, read
 from pipeline.environments.oracle import shards
 from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
-from pipeline.evaluation.trials import Experiment, benchmark_metrics, run_trials, sample_clouds
+from pipeline.evaluation.trials import Experiment, benchmark_metrics, method_settings, run_trials, sample_clouds
 from pipeline.files import atomic_folder, code_digest, digest, read_arrays, write_arrays, write_json, write_table
 from pipeline.learning import CompnetxNetwork, load_model
 from pipeline.parallel import run_shards, single_threaded
@@ -69,6 +69,7 @@ def main(cfg: DictConfig) -> None:
         clouds = sample_clouds(config.experiment, environment, scenes, learned, problems, config.cloud)
         write_arrays(clouds, out / "samples.npz", "samples")
         write_json(hardware(), out / "hardware.json", "hardware")
+        write_json(method_settings(config.experiment), out / "methods.json", "methods")
         write_json(benchmark_metrics(trials), out / "metrics.json")
         settings = OmegaConf.to_container(cfg, resolve=True)
         record_trials(trials, problems, scenes, environment, settings, scale.recordings, out / "recordings")

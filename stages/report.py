@@ -38,6 +38,7 @@ def main(cfg: DictConfig) -> None:
         curves = pd.read_csv(folder(config.profile.name, "train", name) / "curves.csv")
         scenes = read_scenes(folder(config.profile.name, "scenes", name))
         obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
+        settings = read_json(benchmark / "methods.json", "methods")
         machine = read_json(benchmark / "hardware.json", "hardware")
         provenance = reporting.Provenance(
             str(machine.pop("commit")),  # of what was measured, not of what draws it
@@ -55,7 +56,7 @@ def main(cfg: DictConfig) -> None:
             **reporting.sphere_figures(trials, curves, figures),
             **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
         }
-        reporting.write(reporting.sphere_page(trials, pictures, provenance, choices), out / f"{name}.md")
+        reporting.write(reporting.sphere_page(trials, pictures, provenance, choices, settings), out / f"{name}.md")
         summary = reporting.sphere_summary(trials, pictures, provenance)
         reporting.write(reporting.index("Reports", [(f"{name}.md", summary)], provenance), out / "README.md")
         write_layout(out / "layout.json", 3)

@@ -1,5 +1,6 @@
 """Variants of methods, to show what a choice costs and brings."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -55,6 +56,40 @@ def variants(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[st
             replace(base.sampler, parameters={**base.sampler.parameters, **variant.sampler}),
         )
     return found
+
+
+_PROBLEM = ["scenario", "scene", "problem", "adherence"]
+
+
+def equal_sizes_table(trials: pd.DataFrame, sizes: Mapping[str, int], first: str, second: str) -> pd.DataFrame:
+    """Return one row per N_init with which two methods were both tried: median times and lengths, ratio of the times.
+
+    The variant of a method that stands for a size is the first one with it. Lengths are of the problems that both
+    solved.
+
+    Args:
+        trials: of the variants.
+        sizes: N_init of the methods themselves.
+        first: label of the method whose times stand above the fraction line.
+        second: label of the other.
+    """
+    found: dict[str, dict[int, pd.DataFrame]] = {first: {}, second: {}}
+    for label, group in trials.groupby("method", sort=False):
+        base, _, changes = str(label).partition(" (")
+        stated = re.search(r"\bsamples = (\d+)", changes)
+        size = int(stated[1]) if stated else sizes.get(base)
+        if base in found and size is not None:
+            found[base].setdefault(size, group.set_index(_PROBLEM))
+    rows = []
+    for size in sorted(set(found[first]) & set(found[second])):
+        one, other = found[first][size], found[second][size].reindex(found[first][size].index)
+        both = one["solved"].astype(bool) & other["solved"].astype(bool)
+        times = [1e3 * summary(side["planning_time"].to_numpy(float)).median for side in (one, other)]
+        lengths = [summary(side.loc[both, "path_length"].to_numpy(float)).median for side in (one, other)]
+        rows.append((size, len(one), *(f"{time:.1f}" for time in times), f"{times[0] / times[1]:.2f}",
+                     *(f"{length:.3f}" for length in lengths)))  # fmt: skip
+    names = [f"{label}: {what}" for what in ("time median [ms]", "length median [m]") for label in (first, second)]
+    return pd.DataFrame(rows, columns=["N_init", "n", *names[:2], "ratio of times", *names[2:]])
 
 
 def choices_table(trials: pd.DataFrame) -> pd.DataFrame:

@@ -139,6 +139,14 @@ def benchmark_metrics(trials: pd.DataFrame) -> dict[str, Any]:
     return found
 
 
+def method_settings(experiment: Experiment) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return the parameters of every method's 'planner' and 'sampler', by its label."""
+    return {
+        method.label: {"planner": dict(method.planner.parameters), "sampler": dict(method.sampler.parameters)}
+        for method in experiment.methods.values()
+    }
+
+
 def sample_clouds(
     experiment: Experiment,
     environment: Environment,

@@ -67,7 +67,7 @@ def success_bars(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
             axes.bar(place.x, 100 * rate.estimate, 0.8, color=place.color, edgecolor="black", linewidth=0.6)
             ends = [[100 * max(0.0, rate.estimate - rate.low)], [100 * max(0.0, rate.high - rate.estimate)]]
             axes.errorbar(place.x, 100 * rate.estimate, yerr=ends, color="black", linewidth=1, capsize=3)
-            axes.text(place.x, 4, f"{100 * rate.estimate:.0f} %", ha="center", fontsize=8, bbox=_TAG)
+            axes.text(place.x, 4, f"{100 * rate.estimate:.4g} %", ha="center", fontsize=8, bbox=_TAG)
         return n
 
     def printed(result: PaperResult) -> float | None:

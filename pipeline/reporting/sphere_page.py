@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pipeline.evaluation.choices import choices_table
+from pipeline.evaluation.choices import choices_table, equal_sizes_table
 from pipeline.reporting import sphere_pictures as pictures
 from pipeline.reporting import tables, text, verdict
 from pipeline.reporting.frames import check_trials, method_pairs, ordered
@@ -16,6 +16,10 @@ _CHOICES_NOTE = (
     "Each row changes the parameters named in brackets; everything else is as in the results above, with projection. "
     "No test scene was used."
 )
+_SIZES_NOTE = (
+    "At equal N_init: what the network is worth apart from the smaller first batch that it allows. The results above "
+    "compare each method at its own N_init (see 'What was run'); the paper does not give the learned one's."
+)
 PAPER_SCENARIOS = {"blocks": "scenario 1 of the paper", "bands": "scenario 2 of the paper, never trained on"}
 
 
@@ -24,6 +28,7 @@ def sphere_page(
     illustrations: Mapping[str, Illustration],
     provenance: Provenance,
     choices: pd.DataFrame,
+    settings: Mapping[str, Mapping[str, Mapping[str, object]]],
     paper: Sequence[PaperResult] = SPHERE,
 ) -> str:
     """Return the page in Markdown.
@@ -33,6 +38,7 @@ def sphere_page(
         illustrations: of `sphere_figures` and `sphere_stills`, by name; those that are missing are left out.
         provenance: commit, profile, machine, and the commands of 'benchmark', 'train' and 'report'.
         choices: trials of the variants on validation scenes.
+        settings: parameters of each method's 'planner' and 'sampler', by its label.
         paper: what to compare with.
 
     Raises:
@@ -51,7 +57,7 @@ def sphere_page(
 
     sections = [
         Section("Summary", [*shown(*scenarios[:1]), *_summary(trials, verdicts), machine], benchmark),
-        Section("What was run", [_runs(trials)], benchmark),
+        Section("What was run", [_runs(trials), _settings(settings)], benchmark),
     ]
     for scenario, result in results.items():
         of = f" ({PAPER_SCENARIOS[scenario]})" if scenario in PAPER_SCENARIOS else ""
@@ -73,7 +79,7 @@ def sphere_page(
         Section("Where the time of the learned methods goes", [*_shares(trials), machine], benchmark),
         Section(
             "What was tried, on validation scenes",
-            [_CHOICES_NOTE, choices_table(choices), machine],
+            [_CHOICES_NOTE, choices_table(choices), escape(_SIZES_NOTE), _equal_sizes(choices, settings), machine],
             provenance.commands.get("choices", ""),
         ),
         Section(
@@ -134,6 +140,31 @@ def _runs(trials: pd.DataFrame) -> pd.DataFrame:
             "n trials": len(part), "solved": int(part["solved"].astype(bool).sum()),
         })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def _settings(settings: Mapping[str, Mapping[str, Mapping[str, object]]]) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {
+                "method": method,
+                **{f"its {part}": ", ".join(f"{k} = {v}" for k, v in parts[part].items()) for part in parts},
+            }
+            for method, parts in settings.items()
+        ]
+    )
+
+
+def _equal_sizes(
+    choices: pd.DataFrame, settings: Mapping[str, Mapping[str, Mapping[str, object]]]
+) -> pd.DataFrame | str:
+    sizes = {
+        method: int(str(parts["planner"]["samples"]))
+        for method, parts in settings.items()
+        if "samples" in parts["planner"]
+    }
+    if choices.empty:
+        return ""
+    return equal_sizes_table(choices, sizes, "FMT*", "CoMPNetX-FMT*")
 
 
 def _shares(trials: pd.DataFrame) -> list[str]:

@@ -29,6 +29,10 @@ HARDWARE = {
     "platform": "Linux",
 }  # fmt: skip
 COMMANDS = {"benchmark": "dvc repro benchmark", "train": "dvc repro train", "report": "dvc repro report"}
+SETTINGS = {
+    "FMT*": {"planner": {"samples": 1000}, "sampler": {"batch": 64}},
+    "CoMPNetX-FMT*": {"planner": {"samples": 300}, "sampler": {"batch": 100, "n_ismp": 6}},
+}
 PROVENANCE = Provenance("abc1234", "standard", COMMANDS, HARDWARE)
 CURVES = pd.DataFrame({"epoch": [0, 1], "train_loss": [1.0, 0.5], "val_loss": [1.1, 0.6]})
 
@@ -42,7 +46,7 @@ def report(tmp_path_factory):
     scenes = {s: block_scene(40) if s.startswith("blocks") else band_scene() for s in trials["scene"].unique()}
     pictures = sphere_figures(trials, CURVES, folder / "figures")
     pictures |= sphere_stills(trials, paths, scenes, samples, folder / "figures", Stills(plain=True))
-    write(sphere_page(trials, pictures, PROVENANCE, trials), folder / "sphere.md")
+    write(sphere_page(trials, pictures, PROVENANCE, trials, SETTINGS), folder / "sphere.md")
     summary = sphere_summary(trials, pictures, PROVENANCE)
     write(index("Reports", [("sphere.md", summary)], PROVENANCE), folder / "README.md")
     return folder, trials, pictures
@@ -82,20 +86,22 @@ def test_conclusions_follow_the_data(report):
     worse.loc[worse["method"] == "CoMPNetX-FMT*", ["planning_time", "path_length"]] *= 10
 
     def answers(data):
-        section = sphere_page(data, pictures, PROVENANCE, data).split("## What was run")[0]
+        section = sphere_page(data, pictures, PROVENANCE, data, SETTINGS).split("## What was run")[0]
         return [
             line.split("|")[3].strip() for line in section.splitlines() if re.search("faster than|shorter than", line)
         ]
 
     assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 6
-    sentence = re.search(r"Of 8 expectations .* met: (\d); not met: (\d)", sphere_page(worse, {}, PROVENANCE, worse))
+    sentence = re.search(
+        r"Of 8 expectations .* met: (\d); not met: (\d)", sphere_page(worse, {}, PROVENANCE, worse, SETTINGS)
+    )
     assert sentence and int(sentence[1]) + int(sentence[2]) == 8
 
 
 def test_the_page_of_no_trials_says_so():
     """An empty benchmark makes a page without crashing."""
     empty = pd.DataFrame(columns=list(TRIAL_COLUMNS))
-    assert "There are no trials." in sphere_page(empty, {}, PROVENANCE, empty)
+    assert "There are no trials." in sphere_page(empty, {}, PROVENANCE, empty, SETTINGS)
 
 
 def test_the_shown_problems_are_spread_by_rank():
