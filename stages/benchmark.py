@@ -8,7 +8,7 @@ import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.config import load
-from pipeline.environments import BANDS, BLOCKS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
+from pipeline.environments import BANDS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.environments.oracle import shards
 from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
@@ -46,8 +46,7 @@ def main(cfg: DictConfig) -> None:
     trained = folder(profile, "train", name) / "model.pt"
     scenes = read_scenes(source)
     every = read_problems(source, environment.robot().dimension)
-    blocks = pick(every, BLOCKS, [Split.TEST], scale.problems_per_scene)
-    problems = pd.concat([blocks, pick(every, BANDS, [Split.TEST], scale.band_problems)])
+    problems = pick(every, [Split.TEST], scale.problems_per_scene, {BANDS: scale.band_problems})
     grids = read_arrays(voxels, "voxels")
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]

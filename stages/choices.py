@@ -9,7 +9,7 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from pipeline.config import load
-from pipeline.environments import BLOCKS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
+from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.environments.oracle import shards
 from pipeline.evaluation.choices import Variant, variants
 from pipeline.evaluation.trials import Experiment, Method, run_trials
@@ -46,7 +46,7 @@ def main(cfg: DictConfig) -> None:
     trained = folder(profile, "train", name) / "model.pt"
     scenes = read_scenes(source)
     problems = read_problems(source, environment.robot().dimension)
-    problems = pick(problems, BLOCKS, [Split.VALIDATION], config.profile.choices.problems_per_scene)
+    problems = pick(problems, [Split.VALIDATION], config.profile.choices.problems_per_scene)
     grids = read_arrays(voxels, "voxels")
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]

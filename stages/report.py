@@ -30,36 +30,44 @@ def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     # Entry by entry: beside these pages may lie others that this stage does not write.
     with atomic_entries(config.output) as out:
-        (name,) = config.environments  # one page per environment; so far there is one
-        benchmark = folder(config.profile.name, "benchmark", name)
-        trials = read_table(benchmark / "trials.parquet", "trials")
-        solutions = read_table(benchmark / "solutions.parquet", "solutions")
-        samples = read_arrays(benchmark / "samples.npz", "samples")
-        curves = pd.read_csv(folder(config.profile.name, "train", name) / "curves.csv")
-        scenes = read_scenes(folder(config.profile.name, "scenes", name))
-        obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
-        settings = read_json(benchmark / "methods.json", "methods")
-        machine = read_json(benchmark / "hardware.json", "hardware")
-        provenance = reporting.Provenance(
-            str(machine.pop("commit")),  # of what was measured, not of what draws it
-            config.profile.name,
-            {
-                stage: f"make repro PROFILE={config.profile.name}"
-                for stage in ("benchmark", "train", "choices", "report")
-            },
-            machine,
+        summaries = [(f"{name}.md", _page(config, name, out)) for name in config.environments]
+        reporting.write(
+            reporting.index("Reports", summaries, _provenance(config, config.environments[0])), out / "README.md"
         )
-        choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
-        figures = out / name  # beside the page, which links to it by this name
-        stills = reporting.Stills(config.plain_stills)
-        pictures = {
-            **reporting.sphere_figures(trials, curves, figures),
-            **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
-        }
-        reporting.write(reporting.sphere_page(trials, pictures, provenance, choices, settings), out / f"{name}.md")
-        summary = reporting.sphere_summary(trials, pictures, provenance)
-        reporting.write(reporting.index("Reports", [(f"{name}.md", summary)], provenance), out / "README.md")
         write_layout(out / "layout.json", 3)
+
+
+def _page(config: Config, name: str, out: Path) -> reporting.Section:
+    """Write the page of an environment and its pictures; return its section of the index."""
+    benchmark = folder(config.profile.name, "benchmark", name)
+    trials = read_table(benchmark / "trials.parquet", "trials")
+    solutions = read_table(benchmark / "solutions.parquet", "solutions")
+    samples = read_arrays(benchmark / "samples.npz", "samples")
+    settings = read_json(benchmark / "methods.json", "methods")
+    curves = pd.read_csv(folder(config.profile.name, "train", name) / "curves.csv")
+    scenes = read_scenes(folder(config.profile.name, "scenes", name))
+    obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
+    choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
+    provenance = _provenance(config, name)
+    figures = out / name  # beside the page, which links to it by this name
+    stills = reporting.Stills(config.plain_stills)
+    pictures = {
+        **reporting.sphere_figures(trials, curves, figures),
+        **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
+    }
+    reporting.write(reporting.sphere_page(trials, pictures, provenance, choices, settings), out / f"{name}.md")
+    return reporting.sphere_summary(trials, pictures, provenance)
+
+
+def _provenance(config: Config, name: str) -> reporting.Provenance:
+    machine = read_json(folder(config.profile.name, "benchmark", name) / "hardware.json", "hardware")
+    command = f"make repro PROFILE={config.profile.name}"
+    return reporting.Provenance(
+        str(machine.pop("commit")),  # of what was measured, not of what draws it
+        config.profile.name,
+        dict.fromkeys(("benchmark", "train", "choices", "report"), command),
+        machine,
+    )
 
 
 if __name__ == "__main__":

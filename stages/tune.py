@@ -7,7 +7,7 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from pipeline.config import load
-from pipeline.environments import BLOCKS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
+from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.evaluation import VerifierParameters, summary
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays
@@ -46,7 +46,7 @@ def main(cfg: DictConfig) -> None:
     source = folder(profile, "scenes", name)
     scenes = read_scenes(source)
     problems = read_problems(source, environment.robot().dimension)
-    problems = pick(problems, BLOCKS, [Split.VALIDATION], config.problems_per_scene)
+    problems = pick(problems, [Split.VALIDATION], config.problems_per_scene)
     recipe = Recipe(**{f.name: getattr(config, f.name) for f in fields(Recipe)})
     trained = train_recipe(recipe, ARTIFACTS, SCRATCH / "train")
     grids = read_arrays(folder(profile, "voxels", name) / "voxels.npz", "voxels")

@@ -1,6 +1,6 @@
 """Scenes and problems as every environment gives them, and their files."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -123,9 +123,14 @@ def unflatten(row: pd.Series) -> np.ndarray:
     return np.asarray(row["path"], float).reshape(int(row["waypoints"]), int(row["dimension"]))
 
 
-def pick(problems: pd.DataFrame, scenario: str, splits: Sequence[Split], per_scene: int) -> pd.DataFrame:
-    """Return the first `per_scene` problems of each scene of a scenario and its splits."""
-    require("the number of problems per scene", per_scene, at_least=1)
-    names = [split.value for split in splits]
-    chosen = problems[(problems.scenario == scenario) & problems.split.isin(names)]
-    return chosen.groupby("scene", sort=False).head(per_scene).reset_index(drop=True)
+def pick(
+    problems: pd.DataFrame, splits: Sequence[Split], per_scene: int, others: Mapping[str, int] | None = None
+) -> pd.DataFrame:
+    """Return the first `per_scene` problems of each scene of the splits; `others` says otherwise by scenario."""
+    others = others or {}
+    for count in (per_scene, *others.values()):
+        require("the number of problems per scene", count, at_least=1)
+    chosen = problems[problems.split.isin([split.value for split in splits])]
+    place = chosen.groupby("scene", sort=False).cumcount()
+    counts = [others.get(scenario, per_scene) for scenario in chosen.scenario]
+    return chosen[place.to_numpy() < np.array(counts, int)].reset_index(drop=True)

@@ -136,7 +136,7 @@ class _Wave:
         self.heuristic = heuristic
         self.q = batch
         d = space.constraint.manifold_dimension
-        # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, in the dimension of the manifold.
+        # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, but d is the dimension of the manifold.
         self.k = max(int(np.ceil((2 * radius_multiplier) ** d * (np.e / d) * np.log(self.count))), 1)
         k = min(self.k + 1, self.count)
         distances, neighbours = cKDTree(batch).query(batch, k=k)

@@ -208,7 +208,9 @@ def _samples(
     counts = ", ".join(f"n = {len(cloud)} of {name}" for name, cloud in clouds.items())
     caption = (
         f"Samples for one problem ({where}; {counts}) and its path found by "
-        f"{text.method_name(row['method'], row['adherence'])}. Obstacles may hide samples inside them. Drawn by {how}."
+        f"{text.method_name(row['method'], row['adherence'])}. Learned ones are all of the network, which plans "
+        f"ask only so often before they fall back to the classical sampler; uniform ones are uniform in the box of the "
+        f"joints, then projected. Obstacles may hide samples inside them. Drawn by {how}."
     )
     return Illustration(f"{folder.name}/{SAMPLES}{scenario}.png", f"Samples, scenario '{scenario}'", caption)
 

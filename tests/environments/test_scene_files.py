@@ -95,13 +95,16 @@ def test_path_is_flat_and_back():
 
 
 def test_pick_takes_the_first_of_each_scene():
-    """The first problems of each scene of the scenario and splits are taken, in file order, or all there are."""
-    frame = problems(("a", "s2", "test", 3), ("a", "s1", "test", 1), ("a", "s3", "train", 3), ("b", "s4", "test", 3))
-    taken = pick(frame, "a", [Split.TEST], 2)
-    assert list(zip(taken["scene"], taken["problem"], strict=True)) == [("s2", 0), ("s2", 1), ("s1", 0)]
-    assert taken.index.tolist() == [0, 1, 2]
-    assert len(pick(frame, "a", [Split.TEST, Split.TRAIN], 9)) == 7
-    assert len(pick(frame, "b", [Split.VALIDATION], 9)) == 0
+    """The first problems of each scene of the splits are taken, in file order; scenarios may differ."""
+    frame = problems(("a", "s2", "test", 3), ("a", "s1", "test", 1), ("a", "s3", "train", 3), ("b", "s4", "test", 4))
+    taken = pick(frame, [Split.TEST], 2, {"b": 3})
+    expected = [("s2", 0), ("s2", 1), ("s1", 0), ("s4", 0), ("s4", 1), ("s4", 2)]
+    assert list(zip(taken["scene"], taken["problem"], strict=True)) == expected
+    assert taken.index.tolist() == [0, 1, 2, 3, 4, 5]
+    assert len(pick(frame, [Split.TEST, Split.TRAIN], 9)) == 11
+    assert len(pick(frame, [Split.VALIDATION], 9)) == 0
     for count in (0, -1):
         with pytest.raises(ConfigError, match=f"problems per scene is {count}; it must be at least 1"):
-            pick(frame, "a", [Split.TEST], count)
+            pick(frame, [Split.TEST], count)
+        with pytest.raises(ConfigError, match=f"problems per scene is {count}; it must be at least 1"):
+            pick(frame, [Split.TEST], 1, {"b": count})
