@@ -16,6 +16,10 @@ _CHOICES_NOTE = (
     "Each row changes the parameters named in brackets; everything else is as in the results above, with projection. "
     "No test scene was used."
 )
+_ENCODING_NOTE = (
+    "A scene is encoded once, by the first plan in it, which is a warm-up here: no time on this page holds that encoding "
+    "(its cost stands in the performance page's table of parts)."
+)
 _SIZES_NOTE = (
     "At equal N_init: what the network is worth apart from the smaller first batch that it allows. The results above "
     "compare each method at its own N_init (see 'What was run'); the paper does not give the learned one's."
@@ -76,7 +80,7 @@ def sphere_page(
         Section(
             "Learned against classical, problem by problem", [paired, escape(tables.PAIRED_NOTE), machine], benchmark
         ),
-        Section("Where the time of the learned methods goes", [*_shares(trials), machine], benchmark),
+        Section("Where the time of the learned methods goes", [*_shares(trials), _ENCODING_NOTE, machine], benchmark),
         Section(
             "What was tried, on validation scenes",
             [_CHOICES_NOTE, choices_table(choices), escape(_SIZES_NOTE), _equal_sizes(choices, settings), machine],
@@ -169,6 +173,7 @@ def _equal_sizes(
 
 def _shares(trials: pd.DataFrame) -> list[str]:
     """Say in sentences what the network costs beside the whole classical plan, and what it saves in checks."""
+    # The first plan in a scene encodes it; that one is the warm-up, which is not measured.
     said = []
     for scenario in ordered(trials["scenario"], "scenario"):
         for learned, classical in method_pairs(trials["method"]):
@@ -185,7 +190,9 @@ def _shares(trials: pd.DataFrame) -> list[str]:
                 f"{whole / (1e3 * (ours['planning_time'] - ours['network_time']).median()):.2f}, with this one it is "
                 f"{whole / together:.2f}. Collision checks: {ours['collision_checks'].median():.0f} against "
                 f"{theirs['collision_checks'].median():.0f}; path length {ours['path_length'].median():.3f} m against "
-                f"{theirs['path_length'].median():.3f} m (medians over all adherence methods)."
+                f"{theirs['path_length'].median():.3f} m (medians over all adherence methods). Of {escape(learned)}'s "
+                f"samples {ours['fallback_samples'].sum() / max(ours['samples'].sum(), 1):.0%} came from the classical "
+                f"sampler, in all trials together."
             )
     return ["\n".join(said)] if said else []
 
