@@ -17,8 +17,8 @@ _CHOICES_NOTE = (
     "No test scene was used."
 )
 _ENCODING_NOTE = (
-    "A scene is encoded once, by the first plan in it, which is a warm-up here: no time on this page holds that encoding "
-    "(its cost stands in the performance page's table of parts)."
+    "A scene is encoded once, by the first plan in it, which is a warm-up here: no time on this page holds that "
+    "encoding (its cost stands in the performance page's table of parts)."
 )
 _SIZES_NOTE = (
     "At equal N_init: what the network is worth apart from the smaller first batch that it allows. The results above "
