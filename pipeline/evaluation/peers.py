@@ -16,7 +16,7 @@ import pandas as pd
 
 from pipeline.environments import Environment, Scene, validity
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.statistics import Summary, paired_interval, summary
+from pipeline.evaluation.statistics import Comparison, Summary, paired_interval, summary, wilson
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, AtlasParameters, make_adherence
 from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
@@ -30,11 +30,12 @@ OURS, ORDINARY, OVERRIDDEN = "ours", "OMPL", "OMPL, project overridden"
 SPACING = "OMPL's spacing [m]"
 PLANNING = (
     "planner", SPACING, "adherence", "route", "n", "claimed [%]", "verified [%]", "time median [ms]", "time mean [ms]",
-    "time p95 [ms]", "ratio of medians", "ratio of p95s", "length median [m]",
+    "time p95 [ms]", "ratio of medians", "95 % from", "95 % to", "ratio of p95s", "length median [m]",
 )  # fmt: skip
 PARITY = (
     "planner", SPACING, "adherence", "route", "n", "verified: ours", "verified: OMPL", "only ours", "only OMPL",
-    "both", "length, both: ours [m]", "length, both: OMPL [m]", "ours - OMPL [m]", "95 % from", "95 % to",
+    "both", "success: ours [95 % Wilson]", "success: OMPL [95 % Wilson]",
+    "length, both: ours [m]", "length, both: OMPL [m]", "ours - OMPL [m]", "95 % from", "95 % to",
 )  # fmt: skip
 _PEERS = {"rrtconnect": ("RRTConnect", "RRTConnect"), "fmt": ("FMT*", "FMT")}  # our kind: label, OMPL's name
 _WARM_UP = 0.5  # [s] of a plan that is not counted; whatever is touched for the first time is touched by then
@@ -153,14 +154,18 @@ def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
     """Return the columns PLANNING, by planner, OMPL's spacing, adherence and route.
 
     Ours stands in every group, over the problems of that group. Times are of all trials, a failure counts with the
-    time it took; ratios are OMPL's over ours; lengths are of verified paths.
+    time it took; ratios are OMPL's over ours, that of medians with its paired bootstrap interval; lengths are of
+    verified paths.
     """
     rows = []
     for planner, delta, adherence, group in _groups(trials):
         ours = _milliseconds(group[group["route"] == OURS])
         for route, part in group.groupby("route", sort=False):
             times = _milliseconds(part)
-            ratios = (np.nan, np.nan) if route == OURS else (times.median / ours.median, times.p95 / ours.p95)
+            ratios: tuple[float, ...] = (np.nan,) * 4
+            if route != OURS:
+                found = paired_interval(_paired(group, str(route)), _paired(group, OURS), Comparison.RATIO)
+                ratios = (found.estimate, found.low, found.high, times.p95 / ours.p95)
             success = (100 * part["claimed"].mean(), 100 * part["verified"].mean())
             length = summary(part["path_length"].dropna().to_numpy(float)).median
             times_ms = (times.median, times.mean, times.p95)
@@ -184,7 +189,8 @@ def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
             medians = (summary(lengths[0]).median, summary(lengths[1]).median)
             found = paired_interval(*lengths)
             difference = (found.estimate, found.low, found.high)
-            rows.append((planner, delta, adherence, route, *map(int, counts), *medians, *difference))
+            rates = [_rate(int(side.sum()), len(side)) for side in (x, y)]
+            rows.append((planner, delta, adherence, route, *map(int, counts), *rates, *medians, *difference))
     return pd.DataFrame(rows, columns=list(PARITY))
 
 
@@ -204,6 +210,16 @@ def goal_lines(table: pd.DataFrame, bounds: Mapping[str, float]) -> list[str]:
             f"with {row['adherence'].replace('_', ' ')} against {row['route']} at {row[SPACING]:g} m, n = {row['n']}"
         )
     return lines
+
+
+def _paired(group: pd.DataFrame, route: str) -> np.ndarray:
+    """Return the planning times of a route, problem by problem (n,) [s]."""
+    return group[group["route"] == route].sort_values("problem")["planning_time"].to_numpy(float)
+
+
+def _rate(solved: int, trials: int) -> str:
+    found = wilson(solved, trials)
+    return f"{100 * found.estimate:.3g} % [{100 * found.low:.3g}, {100 * found.high:.3g}]"
 
 
 def _milliseconds(trials: pd.DataFrame) -> Summary:

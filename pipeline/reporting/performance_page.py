@@ -18,7 +18,8 @@ PARTS_NOTE = (
 )
 PLANNING_NOTE = (
     "n problems with one seed each; every row plans a problem before the next one comes. Times are of all trials, "
-    "failures included; ratios are OMPL's over ours on the same problems; success is claimed by the planner and "
+    "failures included; ratios are OMPL's over ours on the same problems, that of medians with a paired bootstrap "
+    "interval; success is claimed by the planner and "
     "verified by `pipeline.evaluation.verify`, without margin; lengths are of verified paths. OMPL has the same "
     "constraint, validity checker and time limit, charts with our epsilon, rho, alpha and exploration, and as many "
     "samples for FMT; range and radius multiplier are its defaults, with which it takes 67 neighbours of 1000 samples "

@@ -179,6 +179,8 @@ def test_goal_is_met_or_not(ours, theirs, verdict):
     """Made-up times on both sides of the bound: the line follows the ratio of their medians."""
     table = planning_table(made_up(ours, theirs))
     assert list(table["ratio of medians"])[1] == pytest.approx(theirs / ours)
+    low, high = table.loc[1, ["95 % from", "95 % to"]]
+    assert low <= theirs / ours * 1.0001 and theirs / ours <= high * 1.0001 and high <= theirs / ours * 1.1 / 0.9
     (line,) = goal_lines(table, BOUNDS)
     assert f": {verdict} ({theirs / ours:.3g}x, {theirs / ours:.3g}x) with atlas against OMPL at 0.05 m, n = 3" in line
 
@@ -209,6 +211,8 @@ def test_failures_count_in_times_and_not_in_lengths():
     assert theirs["time median [ms]"] == pytest.approx(200) and theirs["length median [m]"] == pytest.approx(0.95)
     (row,) = parity_table(trials).to_dict("records")
     assert [row[name] for name in ("n", "only ours", "only OMPL", "both")] == [3, 1, 0, 2]
+    assert row["success: ours [95 % Wilson]"] == "100 % [43.9, 100]"
+    assert row["success: OMPL [95 % Wilson]"] == "66.7 % [20.8, 93.9]"
     assert row["ours - OMPL [m]"] == pytest.approx(1.0) and row["length, both: ours [m]"] == pytest.approx(1.95)
 
 
