@@ -1,5 +1,6 @@
 """The Lightning side of training: loss, optimiser and learning curves."""
 
+import logging
 import time
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from pipeline.errors import ConfigError
 from pipeline.files import atomic_file
 from pipeline.learning.batches import Batch
 from pipeline.learning.networks import Compnetx
+
+log = logging.getLogger(__name__)
+_LOG_SECONDS = 15.0  # at least this far apart are two lines of a training
 
 
 class CompnetxModule(lightning.LightningModule):
@@ -90,6 +94,27 @@ class CompnetxModule(lightning.LightningModule):
         if self._gathered is None or not torch.equal(self._gathered[0], scenes):
             self._gathered = scenes, self.voxels[scenes]
         return self._gathered[1]
+
+
+class Lines(Callback):
+    """Now and then a line in a log, for where no bar is seen."""
+
+    def __init__(self) -> None:
+        self.begin = self.last = time.monotonic()
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Say where training stands, unless it was said a moment ago."""
+        done, now = trainer.current_epoch + 1, time.monotonic()
+        if now - self.last > _LOG_SECONDS or done == trainer.max_epochs:
+            self.last = now
+            loss = float(trainer.callback_metrics["val_loss"])
+            log.info(
+                "train: epoch %d of %s, validation loss %.4f after %.0f s",
+                done,
+                trainer.max_epochs,
+                loss,
+                now - self.begin,
+            )
 
 
 class Curves(Callback):

@@ -12,21 +12,26 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import lightning
 import numpy as np
 import pandas as pd
 import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, RichProgressBar
+from lightning.pytorch.plugins.io import TorchCheckpointIO
+from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 from pipeline.errors import ArtifactError, require
-from pipeline.files import VERSION, digest, exclusive
+from pipeline.files import VERSION, atomic_file, digest, exclusive
 from pipeline.learning.batches import Batches, TrainingData
 from pipeline.learning.model import Model, Normalisation, network_from
-from pipeline.learning.module import CompnetxModule, Curves
+from pipeline.learning.module import CompnetxModule, Curves, Lines
 from pipeline.learning.networks import Compnetx, NetworkParameters
 from pipeline.learning.pairs import Pairs
 
+log = logging.getLogger(__name__)
+_TERMINATED = 143  # the exit status of what SIGTERM ended: 128 + 15
 _VALIDATION_BATCH = 4096  # pairs per step without gradients; larger ones gain nothing
 
 
@@ -115,8 +120,11 @@ def train(
         shared = network, normalisation
         batches = Batches(data.train, *shared, parameters.batch_size, parameters.seed, lambda: trainer.current_epoch)
         held_out = Batches(data.validation, *shared, _VALIDATION_BATCH, parameters.seed, None)
-        last = folder / "last.ckpt"
-        trainer.fit(module, batches, held_out, ckpt_path=last if last.is_file() else None, weights_only=True)
+        try:
+            trainer.fit(module, batches, held_out, ckpt_path=_checkpoint(folder), weights_only=True)
+        except SIGTERMException:  # Lightning would end with status 0, as if all were done
+            log.error("train: ended by SIGTERM after %d of %d epochs", len(curves.rows), parameters.epochs)
+            raise SystemExit(_TERMINATED) from None
     frame = curves.frame()
     best = frame.iloc[int(frame["val_loss"].argmin())]
     model = Model(network, normalisation, _best(folder / "best.ckpt", network, int(best["epoch"])))
@@ -150,14 +158,14 @@ def _trainer(parameters: TrainParameters, folder: Path, curves: Curves) -> light
         ),
         ModelCheckpoint(folder, filename="last", save_on_train_epoch_end=True, enable_version_counter=False),
     ]
-    if on_terminal:
-        callbacks.append(RichProgressBar(refresh_rate=20))
+    callbacks.append(RichProgressBar(refresh_rate=20) if on_terminal else Lines())
     return lightning.Trainer(
         max_epochs=parameters.epochs,
         accelerator=parameters.accelerator,
         devices=1,
         logger=False,
         callbacks=callbacks,
+        plugins=[_WholeFiles()],
         default_root_dir=folder,
         num_sanity_val_steps=0,
         enable_progress_bar=on_terminal,
@@ -165,6 +173,31 @@ def _trainer(parameters: TrainParameters, folder: Path, curves: Curves) -> light
         deterministic=True,
         inference_mode=False,  # the module keeps tensors between steps, which torch would not let training use
     )
+
+
+class _WholeFiles(TorchCheckpointIO):
+    """Checkpoints that are there whole or not at all: Lightning's own way copies them from a temporary folder."""
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:
+        """Write a checkpoint."""
+        with atomic_file(Path(path)) as temporary:
+            torch.save(checkpoint, temporary)
+
+
+def _checkpoint(folder: Path) -> Path | None:
+    """Return the checkpoint to go on from; None to begin, also where one of the files cannot be read."""
+    last, best = folder / "last.ckpt", folder / "best.ckpt"
+    if not last.is_file():
+        return None
+    for path in (last, best):
+        try:
+            torch.load(path, map_location="cpu", weights_only=True)
+        except Exception as error:  # zipfile, pickle and torch raise half a dozen kinds
+            log.warning("%s cannot be read (%s): training begins again", path, type(error).__name__)
+            last.unlink()
+            best.unlink(missing_ok=True)
+            return None
+    return last
 
 
 def _best(path: Path, parameters: NetworkParameters, epoch: int) -> Compnetx:

@@ -1,5 +1,6 @@
 """Training: repeatable to the byte, resumable after a kill, and it learns."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -87,6 +88,63 @@ def test_killed_and_continued(data, unbroken, tmp_path):
     assert continued.metrics == whole.metrics
     one, two = last_weights(tmp_path / "broken"), last_weights(scratch)
     assert all(torch.equal(one[name], two[name]) for name in two)
+
+
+@pytest.mark.parametrize("name", ["last.ckpt", "best.ckpt"])
+@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b"foreign"])
+def test_unreadable_checkpoint_is_begun_again(data, unbroken, tmp_path, caplog, name, damage):
+    """A run whose checkpoint is cut off, empty or foreign begins again, says so, and ends with the same bytes."""
+    run(data, tmp_path, epochs=PARAMETERS.epochs)
+    (path,) = tmp_path.glob(f"*/{name}")
+    path.write_bytes(damage(path.read_bytes()))
+    with caplog.at_level(logging.WARNING):
+        again = run(data, tmp_path)
+    assert stored(again, tmp_path / "a.pt") == stored(unbroken[0], tmp_path / "b.pt")
+    assert f"{name} cannot be read" in caplog.text and "begins again" in caplog.text
+
+
+def test_killed_while_a_checkpoint_is_written(data, unbroken, tmp_path, monkeypatch):
+    """When writing a checkpoint fails half-way, the one before it is still whole and training goes on from it."""
+    save, written = torch.save, []
+
+    def failing(checkpoint, path):
+        written.append(path)
+        if len(written) == 6:
+            Path(path).write_bytes(b"half")
+            raise OSError("no space left")
+        save(checkpoint, path)
+
+    monkeypatch.setattr(torch, "save", failing)
+    with pytest.raises(OSError, match="no space left"):
+        run(data, tmp_path)
+    monkeypatch.setattr(torch, "save", save)
+    (folder,) = folders(tmp_path)
+    for path in folder.glob("*.ckpt"):
+        torch.load(path, weights_only=True)
+    assert not list(folder.glob("*.partial"))
+    assert stored(run(data, tmp_path), tmp_path / "a.pt") == stored(unbroken[0], tmp_path / "b.pt")
+
+
+def test_sigterm_is_no_success(data, tmp_path):
+    """SIGTERM ends a training with status 143 and a line that says how far it came."""
+    ended = subprocess.run(
+        [sys.executable, "-c", KILLED.replace("SIGKILL", "SIGTERM")],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])},
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    assert ended.returncode == 143, ended.stderr.decode()
+    assert f"ended by SIGTERM after 3 of {PARAMETERS.epochs} epochs" in ended.stderr.decode()
+
+
+def test_lines_tell_where_training_stands(data, tmp_path, caplog):
+    """Without a terminal the log says which epoch is done, the last one in any case."""
+    with caplog.at_level(logging.INFO):
+        trained = run(data, tmp_path, epochs=2)
+    (line,) = (record.message for record in caplog.records if record.message.startswith("train: "))
+    assert line.startswith(f"train: epoch 2 of 2, validation loss {trained.curves['val_loss'].iloc[-1]:.4f} after ")
 
 
 def test_repeatable(data, unbroken, tmp_path):
