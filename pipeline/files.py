@@ -11,7 +11,7 @@ import logging
 import os
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -107,11 +107,11 @@ def write_table(frame: pd.DataFrame, path: Path, schema: str) -> None:
         pq.write_table(table, temporary)
 
 
-def read_table(path: Path, schema: str) -> pd.DataFrame:
-    """Read a parquet table of the named schema.
+def read_table(path: Path, schema: str, columns: Collection[str] = ()) -> pd.DataFrame:
+    """Read a parquet table of the named schema that has at least these columns.
 
     Raises:
-        ArtifactError: the file is missing, truncated, or holds another schema or version.
+        ArtifactError: the file is missing, truncated, holds another schema or version, or lacks columns.
     """
     _require(path)
     try:
@@ -120,6 +120,7 @@ def read_table(path: Path, schema: str) -> pd.DataFrame:
         raise ArtifactError(f"{path} is not a readable parquet file (truncated or foreign): {error}") from error
     metadata = table.schema.metadata or {}
     _check(path, schema, metadata.get(b"schema", b"").decode(), metadata.get(b"version", b"").decode())
+    _complete(path, columns, table.column_names)
     return table.to_pandas()
 
 
@@ -133,11 +134,11 @@ def write_arrays(arrays: Mapping[str, np.ndarray], path: Path, schema: str) -> N
         np.savez_compressed(stream, **content)
 
 
-def read_arrays(path: Path, schema: str) -> dict[str, np.ndarray]:
-    """Read the arrays of an npz file of the named schema.
+def read_arrays(path: Path, schema: str, names: Collection[str] = ()) -> dict[str, np.ndarray]:
+    """Read the arrays of an npz file of the named schema that has at least these.
 
     Raises:
-        ArtifactError: the file is missing, truncated, or holds another schema or version.
+        ArtifactError: the file is missing, truncated, holds another schema or version, or lacks arrays.
     """
     _require(path)
     try:
@@ -146,6 +147,7 @@ def read_arrays(path: Path, schema: str) -> dict[str, np.ndarray]:
     except Exception as error:  # numpy and zipfile raise half a dozen kinds here; all mean the same to a reader
         raise ArtifactError(f"{path} is not a readable npz file (truncated or foreign): {error}") from error
     _check(path, schema, str(arrays.pop("schema", "")), str(arrays.pop("version", "")))
+    _complete(path, names, arrays)
     return arrays
 
 
@@ -185,6 +187,12 @@ def digest(*parts: Any) -> str:
             state.update(json.dumps(part, sort_keys=True, default=str).encode())
         state.update(b"\0")  # (1, 23) is not (12, 3)
     return state.hexdigest()[:16]
+
+
+def _complete(path: Path, wanted: Collection[str], found: Collection[str]) -> None:
+    missing = [name for name in wanted if name not in found]
+    if missing:
+        raise ArtifactError(f"{path} lacks {', '.join(missing)}; it has {', '.join(found)}")
 
 
 def _runs(process: str) -> bool:

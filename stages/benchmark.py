@@ -47,7 +47,7 @@ def main(cfg: DictConfig) -> None:
     scenes = read_scenes(source)
     every = read_problems(source, environment.robot().dimension)
     problems = pick(every, [Split.TEST], scale.problems_per_scene, {BANDS: scale.band_problems})
-    grids = read_arrays(voxels, "voxels")
+    grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
     chosen = [scale.problems_per_scene, scale.band_problems, config.shard]

@@ -47,7 +47,7 @@ def main(cfg: DictConfig) -> None:
     scenes = read_scenes(source)
     problems = read_problems(source, environment.robot().dimension)
     problems = pick(problems, [Split.VALIDATION], config.profile.choices.problems_per_scene)
-    grids = read_arrays(voxels, "voxels")
+    grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
     chosen = [config.profile.choices.problems_per_scene, config.shard]

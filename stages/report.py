@@ -4,15 +4,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import hydra
-import pandas as pd
 from omegaconf import DictConfig
 
 from pipeline import reporting
 from pipeline.config import load
 from pipeline.environments import read_scenes
+from pipeline.errors import ConfigError
 from pipeline.files import atomic_entries, read_arrays, read_json, read_table
 from pipeline.profile import Profile
 from pipeline.recording.layout import write_layout
+from pipeline.reporting.frames import read_curves
 from pipeline.stage import folder, guarded
 
 
@@ -22,6 +23,13 @@ class Config:
     environments: list[str]
     output: Path
     plain_stills: bool | None
+
+    def __post_init__(self) -> None:
+        # The project's own README.md stands where these pages would.
+        if self.output.resolve() == Path.cwd().resolve():
+            raise ConfigError("output is the current folder; name one for the pages, such as output=reports")
+        if not self.environments:
+            raise ConfigError("environments is empty; name at least one")
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="report")
@@ -44,7 +52,8 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     solutions = read_table(benchmark / "solutions.parquet", "solutions")
     samples = read_arrays(benchmark / "samples.npz", "samples")
     settings = read_json(benchmark / "methods.json", "methods")
-    curves = pd.read_csv(folder(config.profile.name, "train", name) / "curves.csv")
+    train = folder(config.profile.name, "train", name)
+    curves = read_curves(train / "curves.csv", train / "metrics.json")
     scenes = read_scenes(folder(config.profile.name, "scenes", name))
     obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")

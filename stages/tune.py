@@ -49,7 +49,7 @@ def main(cfg: DictConfig) -> None:
     problems = pick(problems, [Split.VALIDATION], config.problems_per_scene)
     recipe = Recipe(**{f.name: getattr(config, f.name) for f in fields(Recipe)})
     trained = train_recipe(recipe, ARTIFACTS, SCRATCH / "train")
-    grids = read_arrays(folder(profile, "voxels", name) / "voxels.npz", "voxels")
+    grids = read_arrays(folder(profile, "voxels", name) / "voxels.npz", "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(trained.model), dict(zip(grids["scene"].tolist(), grids["voxels"], strict=True)))
     with single_threaded():
         trials = pd.concat(

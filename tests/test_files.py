@@ -293,3 +293,14 @@ def test_a_folder_is_worked_in_by_one_process_at_a_time(tmp_path, caplog):
         assert entered.is_set()
         assert f"waiting for process {process.pid}" in caplog.text and str(folder) in caplog.text
         process.wait(30)
+
+
+def test_missing_columns_and_arrays_are_named(tmp_path):
+    """A table or array file that lacks what its reader needs is refused with what is missing and what there is."""
+    write_table(FRAME, tmp_path / "a.parquet", "scenes")
+    assert list(read_table(tmp_path / "a.parquet", "scenes", ["cost", "q"])) == list(FRAME)
+    with pytest.raises(ArtifactError, match=r"a\.parquet lacks size, split; it has scene, cost, name, q"):
+        read_table(tmp_path / "a.parquet", "scenes", ["size", "cost", "split"])
+    write_arrays(ARRAYS, tmp_path / "a.npz", "voxels")
+    with pytest.raises(ArtifactError, match=r"a\.npz lacks scene; it has voxels, path"):
+        read_arrays(tmp_path / "a.npz", "voxels", ["voxels", "scene"])

@@ -188,6 +188,9 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("scenes", "environment.parameters.blocks=0", ["ProblemError: scene 'blocks-train-000' has no obstacles"]),
         ("scenes", "environment.parameters.margin=3", ["ProblemError: scene 'blocks-train-000' has no free space"]),
         ("scenes", "workers=${nowhere}", ["ConfigError", "be resolved", "'nowhere' not found full_key: workers"]),
+        ("choices", "variants=[]", ["ConfigError: variants is empty"]),
+        ("report", "output=", ["ConfigError: output is the current folder"]),
+        ("report", "environments=[]", ["ConfigError: environments is empty"]),
         # What earlier stages left.
         ("demonstrations", f"remove {SCENES}", ["ArtifactError", SCENES, MISSING]),
         ("demonstrations", f"remove {PROBLEMS}", ["ArtifactError", PROBLEMS, MISSING]),

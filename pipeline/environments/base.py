@@ -13,6 +13,7 @@ from pipeline.constraints import Constraint
 from pipeline.errors import ArtifactError, ProblemError, require
 from pipeline.files import read_table, write_table
 from pipeline.robots import Obstacle, Robot, Validity, obstacles_from_frame, obstacles_to_frame
+from pipeline.robots.obstacles import COLUMNS
 
 SCENES, PROBLEMS = "scenes.parquet", "problems.parquet"
 
@@ -86,12 +87,20 @@ def write_scenes(scenes: Iterable[Scene], folder: Path) -> None:
 
 
 def read_scenes(folder: Path) -> dict[str, Scene]:
-    """Read scenes back by name, in file order."""
-    frame = read_table(folder / SCENES, "scenes")
+    """Read scenes back by name, in file order.
+
+    Raises:
+        ArtifactError: the file is missing or damaged, or holds an obstacle that cannot be; it names the scene.
+    """
+    frame = read_table(folder / SCENES, "scenes", ("scenario", "scene", "split", *COLUMNS))
     found = {}
     for name, rows in frame.groupby("scene", sort=False):
         first = rows.iloc[0]
-        found[str(name)] = Scene(str(first.scenario), str(name), Split(first.split), obstacles_from_frame(rows))
+        try:
+            obstacles = obstacles_from_frame(rows)
+        except ProblemError as error:
+            raise ArtifactError(f"{folder / SCENES}: scene {name!r}: {error}") from error
+        found[str(name)] = Scene(str(first.scenario), str(name), Split(first.split), obstacles)
     return found
 
 
@@ -102,7 +111,7 @@ def write_problems(problems: pd.DataFrame, folder: Path) -> None:
 
 def read_problems(folder: Path, dimension: int) -> pd.DataFrame:
     """Read problems back and check that start and goal have `dimension` finite numbers."""
-    frame = read_table(folder / PROBLEMS, "problems")
+    frame = read_table(folder / PROBLEMS, "problems", ("scenario", "scene", "split", "problem", "start", "goal"))
     for column in ("start", "goal"):
         bad = [i for i, q in enumerate(frame[column]) if len(q) != dimension or not np.isfinite(q).all()]
         if bad:

@@ -35,8 +35,10 @@ def variants(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[st
     """Return the methods of the variants by key, labelled with what differs.
 
     Raises:
-        ConfigError: an unknown base, a parameter that the base does not name, or the same variant twice.
+        ConfigError: no variant, an unknown base, a parameter that the base does not name, or the same variant twice.
     """
+    if not changed:
+        raise ConfigError("variants is empty; name at least one base, as in conf/choices.yaml")
     found: dict[str, Method] = {}
     for variant in changed:
         if variant.base not in bases:

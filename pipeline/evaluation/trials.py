@@ -14,7 +14,7 @@ from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
 from pipeline.samplers import Sampler
-from pipeline.samplers.choices import Learned, make_sampler
+from pipeline.samplers.choices import Learned, check_sampler, make_sampler
 from pipeline.samplers.compnetx import CompnetxSampler
 from pipeline.schema import Choice
 
@@ -47,6 +47,9 @@ class Experiment:
     verifier: VerifierParameters
 
     def __post_init__(self) -> None:
+        for key, method in self.methods.items():
+            method.planner.make(PLANNERS, f"methods.{key}.planner")
+            check_sampler(method.sampler)
         if not self.methods or not self.adherences:
             raise ConfigError("an experiment needs at least one method and one adherence")
         require("time_limit", self.time_limit, above=0, unit=" s")

@@ -113,7 +113,8 @@ def load_model(path: Path) -> Model:
     """Read a model onto the CPU.
 
     Raises:
-        ArtifactError: the file is missing, truncated, foreign, of another version, or its weights do not fit.
+        ArtifactError: the file is missing, truncated, foreign, of another version, or its weights do not fit or are not
+            finite.
     """
     if not Path(path).is_file():
         raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
@@ -129,9 +130,13 @@ def load_model(path: Path) -> Model:
     try:
         parameters = _read(NetworkParameters, content["network"])
         normalisation = _read(Normalisation, content["normalisation"])
-        return Model(parameters, normalisation, network_from(parameters, content["weights"]))
+        model = Model(parameters, normalisation, network_from(parameters, content["weights"]))
     except (KeyError, TypeError, RuntimeError, ConfigError) as error:
         raise ArtifactError(f"{path} holds a model that does not fit this code: {error}") from error
+    for name, weights in content["weights"].items():
+        if not torch.isfinite(weights).all():
+            raise ArtifactError(f"{path}: weights {name!r} are not all finite; train again")
+    return model
 
 
 def _read(kind: type, content: dict[str, Any]) -> Any:

@@ -1,11 +1,13 @@
 """The tables this room reads: their columns, the order in which groups are shown, paths as arrays."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from pipeline.errors import ArtifactError
+from pipeline.files import read_json
 
 TRIAL_COLUMNS = (
     "environment", "scenario", "scene", "problem", "method", "planner", "sampler", "adherence", "seed", "status",
@@ -116,3 +118,26 @@ def path_array(row: pd.Series) -> np.ndarray:
             f"expected {shape[0]} waypoints times {shape[1]} dimensions"
         )
     return flat.reshape(shape)
+
+
+def read_curves(path: Path, metrics: Path) -> pd.DataFrame:
+    """Return the losses of all epochs: columns epoch, train_loss, val_loss.
+
+    Args:
+        path: curves.csv of a training.
+        metrics: metrics.json of the same.
+
+    Raises:
+        ArtifactError: the file is missing, is not such a table, or has not as many epochs as the metrics say.
+    """
+    if not path.is_file():
+        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
+    try:
+        frame = pd.read_csv(path)
+    except (ValueError, pd.errors.ParserError) as error:  # UnicodeDecodeError and EmptyDataError are ValueErrors
+        raise ArtifactError(f"{path} is not a readable table (truncated or foreign): {error}") from error
+    check(frame, CURVE_COLUMNS, str(path))
+    epochs = read_json(metrics).get("epochs")
+    if len(frame) != epochs or not np.isfinite(frame.apply(pd.to_numeric, errors="coerce").to_numpy(float)).all():
+        raise ArtifactError(f"{path} has {len(frame)} rows, not all of them numbers, or not {epochs} as {metrics} says")
+    return frame

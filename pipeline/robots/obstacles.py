@@ -121,8 +121,10 @@ def obstacles_from_frame(frame: pd.DataFrame) -> tuple[Obstacle, ...]:
         ProblemError: an unknown shape, a value that is not finite, a size that is not positive, or no rotation.
     """
     numbers = frame[list(COLUMNS[1:])].to_numpy(float)
-    if not np.isfinite(numbers).all():
-        raise ProblemError("an obstacle has a pose or size that is not finite")
+    sound = np.isfinite(numbers).all(axis=1)
+    if not sound.all():
+        first = int(np.argmin(sound))
+        raise ProblemError(f"obstacle {first} has a pose or size that is not finite: {numbers[first].tolist()}")
     if (numbers[:, 7:] <= 0).any():
         raise ProblemError(f"an obstacle has size {numbers[:, 7:].min()} m; sizes must be above 0 m")
     if not numbers[:, 3:7].any(axis=1).all():

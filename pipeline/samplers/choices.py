@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require
 from pipeline.learning import CompnetxNetwork
 from pipeline.samplers.base import Sampler
 from pipeline.samplers.compnetx import CompnetxSampler
@@ -21,6 +21,10 @@ class CompnetxParameters:
     batch: int = 20
     n_ismp: int = 500
 
+    def __post_init__(self) -> None:
+        require("sampler.batch", self.batch, at_least=1)
+        require("sampler.n_ismp", self.n_ismp, at_least=0)
+
 
 _PARAMETERS: dict[str, Any] = {"uniform": UniformParameters, "compnetx": CompnetxParameters}
 
@@ -31,6 +35,15 @@ class Learned:
 
     network: CompnetxNetwork
     voxels: Mapping[str, np.ndarray]
+
+
+def check_sampler(choice: Choice) -> None:
+    """Refuse a choice that `make_sampler` would, before there is a network.
+
+    Raises:
+        ConfigError: an unknown kind, or parameters that do not fit it.
+    """
+    choice.make(_PARAMETERS, "sampler")
 
 
 def make_sampler(choice: Choice, learned: Learned | None = None) -> Sampler:

@@ -17,6 +17,10 @@ class UniformParameters:
     block: int = 32
     directions: bool = False
 
+    def __post_init__(self) -> None:
+        for name in ("batch", "block"):
+            require(f"sampler.{name}", getattr(self, name), at_least=1)
+
 
 class UniformSampler(Sampler):
     """Samples the whole manifold, whatever the start, goal and scene.

@@ -16,6 +16,7 @@ from pipeline.environments import (
     write_scenes,
 )
 from pipeline.errors import ArtifactError, ConfigError, ProblemError
+from pipeline.files import read_table, write_table
 from tests.robots.worlds import random_obstacles
 
 RNG = np.random.default_rng(0)
@@ -48,6 +49,19 @@ def test_scene_without_obstacles_is_refused(tmp_path):
     with pytest.raises(ProblemError, match="scene 'empty' has no obstacles"):
         write_scenes([*SCENES, Scene("bar", "empty", Split.TEST, ())], tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_damaged_scenes_are_refused(tmp_path):
+    """An obstacle that cannot be is refused with file, scene and values; a missing column with what there is."""
+    write_scenes(SCENES, tmp_path)
+    path = tmp_path / "scenes.parquet"
+    frame = read_table(path, "scenes")
+    write_table(frame.assign(y=np.where(frame["scene"] == "a", np.nan, frame["y"])), path, "scenes")
+    with pytest.raises(ArtifactError, match=r"scenes.parquet: scene 'a': obstacle 0 .* not finite: \["):
+        read_scenes(tmp_path)
+    write_table(frame.drop(columns=["qw", "split"]), path, "scenes")
+    with pytest.raises(ArtifactError, match=r"scenes\.parquet lacks split, qw; it has scenario, scene, shape"):
+        read_scenes(tmp_path)
 
 
 def test_problems_come_back(tmp_path):

@@ -260,6 +260,14 @@ def test_clouds_are_the_samples_fmt_asks_for(learned):
     [
         ({"methods": {}}, "at least one method and one adherence"),
         ({"adherences": {}}, "at least one method and one adherence"),
+        (
+            {"methods": {"x": Method("X", FMT, Choice("compnetx", {"batch": -3}))}},
+            r"sampler\.batch is -3; it must be at",
+        ),
+        (
+            {"methods": {"x": Method("X", Choice("fmt", {"samples": 2}), UNIFORM)}},
+            r"samples is 2; it must be at least 3",
+        ),
         ({"time_limit": 0.0}, r"time_limit is 0\.0 s; it must be above 0 s"),
         ({"time_limit": float("nan")}, "time_limit is nan s"),
         ({"time_limit": float("inf")}, "time_limit is inf s"),

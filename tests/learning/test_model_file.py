@@ -85,6 +85,11 @@ def test_foreign(model, tmp_path):
     edited(path, other, network={**stored["network"], "scene_code": 64})
     with pytest.raises(ArtifactError, match="does not fit"):
         load_model(other)
+    name, weight = list(stored["weights"].items())[3]
+    for value in (float("nan"), float("-inf")):
+        edited(path, other, weights={**stored["weights"], name: torch.full_like(weight, value)})
+        with pytest.raises(ArtifactError, match=f"other.pt: weights '{name}' are not all finite"):
+            load_model(other)
     edited(path, other, normalisation={"lower": [0.0, 0.0], "upper": [1.0, 1.0], "centre": False})
     with pytest.raises(ArtifactError, match="does not fit"):
         load_model(other)
