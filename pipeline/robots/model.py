@@ -132,6 +132,8 @@ def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -
     """
     if not radius > 0:
         raise RobotError(f"radius is {radius} m; a point robot needs a radius above 0 m")
+    if not all(low < high for low, high in zip(lower, upper, strict=True)):
+        raise RobotError(f"limits are {list(lower)} to {list(upper)} m; each lower one must be below its upper one")
     model = pin.Model()
     model.name = "point"
     joint = 0

@@ -60,9 +60,14 @@ class Obstacle:
         """Return the shape as coal's.
 
         Raises:
-            ProblemError: a mesh file that is missing or cannot be read, or an octree without points.
+            ProblemError: a size that is not above 0 m, a pose that is not finite, a mesh file that is missing or cannot
+                be read, or an octree without points.
         """
         x, y, z = self.size
+        if not all(0 < extent < np.inf for extent in self.size) and self.shape is not Shape.MESH:
+            raise ProblemError(f"{self.shape.value} {self.name!r} has size {self.size}; sizes must be above 0 m")
+        if not np.isfinite([*self.position, *self.quaternion]).all():
+            raise ProblemError(f"{self.shape.value} {self.name!r} is at {self.position}, {self.quaternion}: not finite")
         if self.shape is Shape.BOX:
             return coal.Box(x, y, z)
         if self.shape is Shape.SPHERE:

@@ -119,3 +119,10 @@ def test_point_robot_needs_a_radius(radius):
     """A point robot without a positive radius is refused with the value."""
     with pytest.raises(RobotError, match=rf"radius is {radius} m"):
         point_robot(radius, [-1] * 3, [1] * 3)
+
+
+@pytest.mark.parametrize("upper", [[1, -1, 1], [1, 1, -2], [1, 1, float("nan")]])
+def test_point_robot_needs_room(upper):
+    """Limits of a point robot that leave no room, or are no numbers, are refused with their values."""
+    with pytest.raises(RobotError, match=r"limits are \[-1, -1, -1\] to \[1, "):
+        point_robot(0.1, [-1] * 3, upper)

@@ -6,9 +6,9 @@ import pytest
 
 from pipeline.errors import ProblemError
 from pipeline.files import read_table, write_table
-from pipeline.robots import obstacles_from_frame, obstacles_to_frame
+from pipeline.robots import PRIMITIVES, Obstacle, Shape, Validity, obstacles_from_frame, obstacles_to_frame
 from pipeline.robots.obstacles import COLUMNS
-from tests.robots.worlds import random_obstacles, rotation
+from tests.robots.worlds import ball, random_obstacles, rotation
 
 OBSTACLES = random_obstacles(np.random.default_rng(0), 6)
 
@@ -51,3 +51,17 @@ def test_bad_rows_are_refused(values, message):
     """One row with an unknown shape, a value that is not finite, an empty size or no rotation refuses the scene."""
     with pytest.raises(ProblemError, match=message):
         obstacles_from_frame(corrupted(**values))
+
+
+@pytest.mark.parametrize("shape", [*PRIMITIVES, Shape.OCTREE])
+@pytest.mark.parametrize("value", [0.0, -0.1, np.nan, np.inf])
+def test_impossible_sizes_and_poses_have_no_geometry(shape, value):
+    """A size that is not above 0 m or a pose that is not finite is refused with name and value."""
+    points = np.zeros((1, 3))
+    sized = Obstacle(shape, (0, 0, 0), (0, 0, 0, 1), (0.1, 0.1, value), name="cup", points=points)
+    with pytest.raises(ProblemError, match=rf"{shape.value} 'cup' has size .*{value}.*; sizes must be above 0 m"):
+        Validity(ball(), [sized])
+    if not np.isfinite(value):
+        placed = Obstacle(shape, (0, value, 0), (0, 0, 0, 1), (0.1, 0.1, 0.1), name="cup", points=points)
+        with pytest.raises(ProblemError, match=rf"{shape.value} 'cup' is at .*{value}.*: not finite"):
+            Validity(ball(), [placed])
