@@ -26,7 +26,7 @@ _TRIES = 5  # neighbours a late sample tries before it is left for the wave: mos
 
 @dataclass(frozen=True)
 class FmtStar(Planner):
-    """A wavefront of least cost over a batch of samples; new samples join one by one when it dies out.
+    """A wavefront of least cost over a batch of samples; new samples join it when it dies out.
 
     Attributes:
         samples: N_init, size of the first batch with start and goal (1000: OMPL's default, used by the authors).
