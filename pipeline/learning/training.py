@@ -107,6 +107,7 @@ def train(
     Raises:
         ConfigError: data that does not fit the network, or a training that diverged.
         ArtifactError: the run's folder was moved or edited in between.
+        SystemExit: SIGTERM ended it; what is finished stays in the folder.
     """
     data.check(network, normalisation)
     folder = Path(scratch).resolve() / _key(parameters, network, normalisation, data)
@@ -123,7 +124,9 @@ def train(
         try:
             trainer.fit(module, batches, held_out, ckpt_path=_checkpoint(folder), weights_only=True)
         except SIGTERMException:  # Lightning would end with status 0, as if all were done
-            log.error("train: ended by SIGTERM after %d of %d epochs", len(curves.rows), parameters.epochs)
+            # Not through the log: that of the stages goes to stdout.
+            done = f"train: ended by SIGTERM after {len(curves.rows)} of {parameters.epochs} epochs"
+            print(f"{done}; repeating the command continues there", file=sys.stderr)
             raise SystemExit(_TERMINATED) from None
     frame = curves.frame()
     best = frame.iloc[int(frame["val_loss"].argmin())]
@@ -185,18 +188,21 @@ class _WholeFiles(TorchCheckpointIO):
 
 
 def _checkpoint(folder: Path) -> Path | None:
-    """Return the checkpoint to go on from; None to begin, also where one of the files cannot be read."""
-    last, best = folder / "last.ckpt", folder / "best.ckpt"
+    """Return the checkpoint to go on from; None to begin, also where a file of the run is missing or unreadable."""
+    last, best, curves = files = [folder / name for name in ("last.ckpt", "best.ckpt", "curves.csv")]
     if not last.is_file():
         return None
-    for path in (last, best):
-        try:
-            torch.load(path, map_location="cpu", weights_only=True)
-        except Exception as error:  # zipfile, pickle and torch raise half a dozen kinds
-            log.warning("%s cannot be read (%s): training begins again", path, type(error).__name__)
-            last.unlink()
-            best.unlink(missing_ok=True)
-            return None
+    path = last
+    try:
+        for path, part in ((last, "optimizer_states"), (best, "state_dict")):
+            torch.load(path, map_location="cpu", weights_only=True)[part]
+        path = curves
+        path.stat()
+    except Exception as error:  # zipfile, pickle and torch raise half a dozen kinds
+        log.warning("%s cannot be read (%s): training begins again", path, type(error).__name__)
+        for file in files:  # last.ckpt first: without it a run begins, whatever else is left
+            file.unlink(missing_ok=True)
+        return None
     return last
 
 
