@@ -83,7 +83,7 @@ def test_nothing_to_sample(method):
     cross = make(method, Constraint("cross", q, q[0] * q[1]), Validity(ball(), []))
     cross.anchor(np.zeros(3))  # no rank, no chart
     assert cross.sample(np.random.default_rng(0), 5).shape == (0, 3)
-    outside = sphere_space(method, upper=(1.5, 1.5, -2.0))
+    outside = sphere_space(method, upper=(1.5, 1.5, -1.2))
     outside.anchor(np.array([0.0, 0.0, 1.0]))
     assert outside.sample(np.random.default_rng(0), 5).shape == (0, 3)
 
