@@ -1,12 +1,14 @@
 """FMT* (Janson et al. 2015) with continued sampling, as compnetx.txt, section VII-A, describes it.
 
+The front is expanded in groups of nearly equal cost, as Group Marching Tree does (Ichter, Schmerling and Pavone 2017):
+what is asked of many samples at once costs numpy little more than what is asked of one.
+
 Edges are put into the tree by `Adherence.screen`; only those of a path that reaches the goal are walked. Where a walk
 fails, its sample is hung onto another neighbour, and without one its branch is taken back and the search goes on.
 """
 
-import heapq
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -33,22 +35,34 @@ class FmtStar(Planner):
         radius_multiplier: eta of the number of neighbours (1.1: OMPL's default; asymptotic optimality needs 1).
         heuristic: order the front by cost so far plus the straight line to the goal, as A* does; OMPL has the same
             option, off by default.
-        from_start: share of the first K learned samples that continue from the start; the others continue from
-            random free configurations. Section V-E names both, section VII-A the second.
-        arrive: a chain of learned samples within this of the goal begins again at a random free configuration
-            [rad or m]: otherwise the batch ends up as a cluster around the goal.
+        group: samples of the front that cost at most this much more than the cheapest are expanded with it, as a share
+            of the neighbourhood's radius (median distance to the farthest neighbour); 0 is FMT*, one after the other.
+        from_start: share of the first K learned samples that go from the start towards the goal.
+        from_goal: share that go from the goal towards the start; the others go from random free configurations towards
+            the goal. Section V-E names start and random ones, section VII-A random ones; to go from both ends as
+            Algorithm 7 does is ours.
+        arrive: a chain of learned samples within this of where it goes begins again at a random free configuration
+            [rad or m]: otherwise the batch ends up as clusters around goal and start.
     """
 
     samples: int = 1000
     radius_multiplier: float = 1.1
     heuristic: bool = False
-    from_start: float = 0.5
+    group: float = 0.25
+    from_start: float = 0.35
+    from_goal: float = 0.35
     arrive: float = 0.1
 
     def __post_init__(self) -> None:
         require("planner.samples", self.samples, at_least=3)  # start, goal and one more
         require("planner.radius_multiplier", self.radius_multiplier, above=0)
-        require("planner.from_start", self.from_start, at_least=0, at_most=1)
+        require("planner.group", self.group, at_least=0)
+        for name in ("from_start", "from_goal"):
+            require(f"planner.{name}", getattr(self, name), at_least=0, at_most=1)
+        if self.from_start + self.from_goal > 1:
+            raise ConfigError(
+                f"planner.from_start is {self.from_start} and planner.from_goal {self.from_goal}; together at most 1"
+            )
         require("planner.arrive", self.arrive, at_least=0)
 
     def _prepare(self, space: Adherence) -> None:
@@ -60,7 +74,7 @@ class FmtStar(Planner):
         if not sampler.lands:
             raise ConfigError("FMT* connects its samples: it needs a sampler that draws from the manifold")
         batch = self.first_batch(problem, sampler, clock)
-        wave = _Wave(problem.adherence, batch, self.radius_multiplier, self.heuristic)
+        wave = _Wave(problem.adherence, batch, self.radius_multiplier, self.heuristic, self.group)
         while True:
             status = clock.tick()
             if status is not None:
@@ -69,7 +83,7 @@ class FmtStar(Planner):
                 path = wave.path()
                 if path is not None:
                     return PlanStatus.SOLVED, path
-            elif wave.front:
+            elif wave.alive:
                 wave.advance()
             else:
                 self._sample_again(problem, sampler, wave, clock)
@@ -78,25 +92,25 @@ class FmtStar(Planner):
         """Return start, goal and N_init - 2 free samples, fewer when time runs out (N, n)."""
         space, K = problem.adherence, sampler.batch
         found = [problem.start, problem.goal]
-        goals = np.repeat(problem.goal[None], K, axis=0)
-        current = goals
+        current, targets = np.repeat([problem.start], K, axis=0), np.repeat([problem.goal], K, axis=0)
         if sampler.informed:
-            current = np.repeat(problem.start[None], K, axis=0)
             first = round(self.from_start * K)
-            spread = self._random_free(space, sampler, K - first, clock)
+            last = K - min(round(self.from_goal * K), K - first)
+            current[last:], targets[last:] = problem.goal, problem.start
+            spread = self._random_free(space, sampler, last - first, clock)
             current[first : first + len(spread)] = spread
         barren = 0
         while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
-            proposals = sampler.sample(current, goals)
-            free = [space.validity.free(q) for q in proposals]
-            barren = 0 if any(free) else barren + 1
-            found += [q for q, is_free in zip(proposals, free, strict=True) if is_free]
+            proposals = sampler.sample(current, targets)
+            free = np.array([space.validity.free(q) for q in proposals], bool)
+            barren = 0 if free.any() else barren + 1
+            found += list(proposals[free])
             if sampler.informed:
-                onward = np.array(free, bool) & (np.linalg.norm(proposals - problem.goal, axis=1) > self.arrive)
-                kept = proposals[onward] if len(proposals) else np.empty((0, space.dimension))
-                current = np.concatenate([kept, self._random_free(space, sampler, K - len(kept), clock)])
-                if len(current) < K:
-                    current = np.concatenate([current, np.repeat(problem.start[None], K - len(current), axis=0)])
+                rows = sampler.answered
+                onward = free & (np.linalg.norm(proposals - targets[rows], axis=1) > self.arrive)
+                ended = np.setdiff1d(np.arange(K), rows[onward])
+                spread = self._random_free(space, sampler, len(ended), clock)
+                current[rows[onward]], current[ended[: len(spread)]] = proposals[onward], spread
         return np.array(found[: self.samples])
 
     def _random_free(self, space: Adherence, sampler: Sampler, count: int, clock: Clock) -> np.ndarray:
@@ -104,16 +118,19 @@ class FmtStar(Planner):
         found: list[np.ndarray] = []
         barren = 0
         while len(found) < count and barren < _BARREN and not clock.out_of_time():
-            free = [q for q in space.sample(sampler.rng, count - len(found)) if space.validity.free(q)]
-            barren = 0 if free else barren + 1
-            found += free
+            missing = count - len(found)
+            # More than are missing, as some will not be free: a call for a few costs as much as one for many.
+            free = (q for q in space.sample(sampler.rng, 2 * missing + 4) if space.validity.free(q))
+            fresh = list(islice(free, missing))
+            barren = 0 if fresh else barren + 1
+            found += fresh
         return np.array(found).reshape(-1, space.dimension)
 
     def _sample_again(self, problem: Problem, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:
         """Sample from random tree nodes towards the goal until a sample joins the tree (Algorithm 6)."""
-        K = sampler.batch if sampler.informed else 1
+        K = sampler.batch
         goals = np.repeat(problem.goal[None], K, axis=0)
-        while not wave.front and not clock.out_of_time():
+        while not wave.alive and not clock.out_of_time():
             tree = np.flatnonzero(wave.state[: wave.count] == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=K)]]
             free = [q for q in sampler.sample(current, goals) if problem.adherence.validity.free(q)]
@@ -130,7 +147,9 @@ class _Wave:
     answers for it.
     """
 
-    def __init__(self, space: Adherence, batch: np.ndarray, radius_multiplier: float, heuristic: bool) -> None:
+    def __init__(
+        self, space: Adherence, batch: np.ndarray, radius_multiplier: float, heuristic: bool, group: float
+    ) -> None:
         self.space = space
         self.count = len(batch)
         self.heuristic = heuristic
@@ -151,27 +170,48 @@ class _Wave:
         self.parent = np.full(self.count, -1)
         self.walks: dict[tuple[int, int], np.ndarray] = {}  # states of the edges that were walked and hold
         self.blocked: set[tuple[int, int]] = set()
-        self.front: list[tuple[float, int]] = []
+        self.ahead = np.linalg.norm(np.append(batch, batch[_GOAL : _GOAL + 1], axis=0) - batch[_GOAL], axis=1)
+        self.width = group * float(np.median(self.distances[:, -1]))
         self.cost[_START] = 0.0
         self._open(_START)
 
+    @property
+    def alive(self) -> bool:
+        """True while there are open samples to go on from."""
+        return bool(self.reach.min() < np.inf)
+
     def advance(self) -> None:
-        """Expand the cheapest sample of the front: try each unvisited neighbour from its best open neighbour."""
-        _, z = heapq.heappop(self.front)
-        if self.state[z] != _OPEN:
-            return  # an entry left behind by a repair
-        near = self.neighbours[z]
-        waiting = near[self.state[near] == _UNVISITED]
+        """Expand the cheapest samples of the front: try each unvisited neighbour from its best open neighbour.
+
+        Were they expanded one after the other, an unvisited sample would ask its best open neighbour again once the
+        last one it asked has left the front. So it does here, as long as that one leaves with the group.
+        """
+        keys = self.reach + self.ahead if self.heuristic else self.reach
+        group = np.flatnonzero(keys <= keys.min() + self.width)
+        group = group[keys[group].argsort(kind="stable")]
+        near = self.neighbours[group]
+        rows, columns = np.nonzero(self.state[near] == _UNVISITED)
+        waiting, first = np.unique(near[rows, columns], return_index=True)
         joined: list[tuple[int, int, float]] = []
         if len(waiting):
             others = self.neighbours[waiting]  # (m, width)
-            costs = self.reach[others] + self.distances[waiting]
+            costs, places = self.reach[others] + self.distances[waiting], keys[others]
+            left = np.arange(len(waiting))
             best = costs.argmin(axis=1)
-            rows = np.arange(len(waiting))
-            # z has the sample among its neighbours, which does not mean that the sample has z among its own.
-            parents = np.where(np.isfinite(costs[rows, best]), others[rows, best], z)
-            joined = self._connect(parents, waiting)
-        self.state[z], self.reach[z] = _CLOSED, np.inf
+            # Being among another's neighbours does not mean to have it among one's own.
+            parents = np.where(np.isfinite(costs[left, best]), others[left, best], group[rows[first]])
+            leaving = np.zeros(len(keys), bool)
+            leaving[group] = True
+            while len(left):
+                found = self._connect(parents[left], waiting[left])
+                joined += found
+                again = leaving[parents[left]] & ~np.isin(waiting[left], [x for _, x, _ in found], assume_unique=True)
+                left = left[again]
+                costs[left] = np.where(places[left] > keys[parents[left], None], costs[left], np.inf)
+                best = costs[left].argmin(axis=1)
+                parents[left] = others[left, best]
+                left = left[leaving[parents[left]] & np.isfinite(costs[left, best])]
+        self.state[group], self.reach[group] = _CLOSED, np.inf
         for edge in joined:
             self._hang(*edge)
 
@@ -263,17 +303,14 @@ class _Wave:
         self._open(x)
 
     def _open(self, x: int) -> None:
-        cost = float(self.cost[x])
-        self.state[x], self.reach[x] = _OPEN, cost
-        ahead = length(self.q[x] - self.q[_GOAL]) if self.heuristic else 0.0
-        heapq.heappush(self.front, (cost + ahead, x))
+        self.state[x], self.reach[x] = _OPEN, self.cost[x]
 
     def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
         x = self.count
         width = max(len(near), int(self.degree[near].max()) + 1)
         if x == len(self.cost) or width > self.neighbours.shape[1]:
             self._grow(2 * x if x == len(self.cost) else len(self.cost), width)
-        self.q[x] = q
+        self.q[x], self.ahead[x] = q, length(q - self.q[_GOAL])
         self.neighbours[x, : len(near)], self.distances[x, : len(near)] = near, distances
         column = self.degree[near]
         self.neighbours[near, column], self.distances[near, column] = x, distances
@@ -298,6 +335,7 @@ class _Wave:
             ("parent", -1, 0),
             ("state", _UNVISITED, 1),
             ("reach", np.inf, 1),
+            ("ahead", 0.0, 1),
         ):
             before = getattr(self, name)
             longer = np.full((rows + spare, *before.shape[1:]), empty, before.dtype)
@@ -323,7 +361,6 @@ class _Wave:
             self.walks[y, x] = walk.states
             self.parent[x] = y
             self.cost[lost] += self.cost[y] + way - self.cost[x]
-            # Their places in the front stay, by the old cost: they may be expanded a little early.
             ahead = lost[self.state[lost] == _OPEN]
             self.reach[ahead] = self.cost[ahead]
             return True
@@ -335,8 +372,8 @@ class _Wave:
         self.state[lost], self.reach[lost] = _UNVISITED, np.inf
         self.cost[lost], self.parent[lost] = np.inf, -1
         border = np.unique(self.neighbours[lost])
-        for i in border[(border >= 0) & (self.state[border] == _CLOSED)].tolist():
-            self._open(i)
+        border = border[(border >= 0) & (self.state[border] == _CLOSED)]
+        self.state[border], self.reach[border] = _OPEN, self.cost[border]
 
     def _below(self, x: int) -> np.ndarray:
         """Return x and all samples whose way to the start passes through it, sorted (m,)."""

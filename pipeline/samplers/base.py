@@ -13,12 +13,14 @@ class Sampler(ABC):
     Attributes:
         batch: K, how many configurations a batch planner should ask for at a time.
         lands: whether proposals are on the manifold, as `sample` says; where not, a planner may only walk towards them.
+        answered: of the last call, which rows of `current` and `target` its samples belong to (m,).
         informed: whether proposals depend on `current` and `target`; a planner need not select them otherwise.
     """
 
     batch: int = 1
     lands: bool = True
     informed: bool = False
+    answered: np.ndarray
 
     def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:
         """Bind to a problem: the manifold to sample, the problem's own random stream, the scene to condition on."""

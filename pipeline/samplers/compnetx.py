@@ -50,12 +50,13 @@ class CompnetxSampler(Sampler):
         self.calls += 1
         if self.calls > self.n_ismp:
             found = self.fallback.sample(current, target)
+            self.answered = self.fallback.answered
             self.counters.fallback_samples += len(found)
             return found
         begin = time.perf_counter()
         proposals = self.network.sample(self.scene, current, target, self.rng)
         self.network_time += time.perf_counter() - begin
         self.counters.network_calls += 1
-        found = self.adherence.project(proposals)
+        found, self.answered = self.adherence.project_rows(proposals)
         self.counters.samples += len(found)
         return found

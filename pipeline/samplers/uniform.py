@@ -50,5 +50,6 @@ class UniformSampler(Sampler):
             fresh = draw(self.rng, max(self.block, count - len(self._drawn)))
             self._drawn = np.concatenate([self._drawn, fresh])
         found, self._drawn = self._drawn[:count], self._drawn[count:]
+        self.answered = np.arange(len(found))
         self.counters.samples += len(found)
         return found

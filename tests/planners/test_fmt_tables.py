@@ -1,4 +1,4 @@
-"""FMT*'s tables of neighbours stay what brute force says while samples join, one by one or many at once."""
+"""FMT*'s tree is what brute force says, one sample after the other or in groups, and as late samples join."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,61 @@ from tests.manifolds.spaces import sphere_space
 from tests.robots.worlds import block, on_sphere
 
 
+def marched(space, points, wave, heuristic=False) -> tuple[dict[int, float], dict[int, int]]:
+    """Costs and parents by FMT*, as its paper has it, over the wave's neighbours: one sample after the other."""
+    ahead = np.linalg.norm(points - points[1], axis=1) if heuristic else np.zeros(len(points))
+    near = [set(row.tolist()) for row in wave.neighbours]
+    cost, parent, reached, blocked = {0: 0.0}, {}, {0}, set()
+    front = {0}
+    while front:
+        z = min(front, key=lambda i: cost[i] + ahead[i])
+        fresh = set()
+        for x in sorted(near[z] - reached):
+            y = min(near[x] & front or {z}, key=lambda i: cost[i] + np.linalg.norm(points[i] - points[x]))
+            free, way = (a[0] for a in space.screen(points[y][None], points[x][None]))
+            if free and (y, x) not in blocked:
+                cost[x], parent[x] = cost[y] + way, y
+                fresh.add(x)
+            else:
+                blocked.add((y, x))
+        reached |= fresh
+        front = front - {z} | fresh
+    return cost, parent
+
+
+@pytest.mark.parametrize("heuristic", [False, True])
+def test_tree_of_fmt(heuristic):
+    """With no width of the front the tree is that of FMT* to the last edge; with one it reaches as much, as cheaply."""
+    rng = np.random.default_rng(4)
+    space = sphere_space("projection", [block(p, (0.2, 0.2, 0.2)) for p in on_sphere(rng, 60)])
+    points = np.array([q for q in on_sphere(rng, 900) if space.validity.free(q)][:300])
+    trees = {}
+    for group in (0.0, 0.25, 0.5):
+        wave = _Wave(space, points, 1.1, heuristic, group)
+        while wave.alive:
+            wave.advance()
+        trees[group] = wave
+        assert (wave.state[:300] != _OPEN).all()
+        assert (np.isfinite(wave.cost) == (wave.state[:300] == _CLOSED)).all()
+    cost, parent = marched(space, points, trees[0.0], heuristic)
+    assert 150 < len(cost) and len({y for y in parent.values()}) > 50
+    assert {x: int(y) for x, y in enumerate(trees[0.0].parent) if y >= 0} == parent
+    np.testing.assert_allclose([trees[0.0].cost[x] for x in cost], list(cost.values()))
+    for group in (0.25, 0.5):
+        wave = trees[group]
+        both = [x for x in cost if np.isfinite(wave.cost[x])]
+        assert len(both) > 0.98 * len(cost)
+        assert np.mean([wave.cost[x] / cost[x] for x in both if x]) < 1.02
+
+
 @pytest.mark.parametrize("size", [1, 7, 60])
 def test_tables_grow_with_late_samples(size):
     """Every sample knows its k nearest at the time it came and all later ones it was nearest to, with distances."""
     rng = np.random.default_rng(0)
     space = sphere_space("projection")
     first, late = on_sphere(rng, 40), on_sphere(rng, 120)
-    wave = _Wave(space, first, 1.1, False)
-    while wave.front:
+    wave = _Wave(space, first, 1.1, False, 0.25)
+    while wave.alive:
         wave.advance()
     assert (wave.state[:40] == _CLOSED).all()
     known = {i: set(wave.neighbours[i].tolist()) for i in range(40)}
@@ -45,8 +92,8 @@ def test_late_samples_hang_from_the_cheapest_neighbour_they_reach():
     rng = np.random.default_rng(2)
     space = sphere_space("projection", [block(p, (0.2, 0.2, 0.2)) for p in on_sphere(rng, 60)])
     points = [q for q in on_sphere(rng, 900) if space.validity.free(q)]
-    wave = _Wave(space, np.array(points[:200]), 1.1, False)
-    while wave.front:
+    wave = _Wave(space, np.array(points[:200]), 1.1, False, 0.25)
+    while wave.alive:
         wave.advance()
     closed, late = np.flatnonzero(wave.state[:200] == _CLOSED), np.array(points[200:])
     wave.join(late)

@@ -185,11 +185,49 @@ def test_informed_samplers_are_asked_from_the_tree(planner):
         assert current.shape == target.shape == (K, 3)
         assert np.abs(np.linalg.norm(current, axis=1) - 1).max() < 1e-3
         assert all(space.validity.free(q) for q in current)
-        if not isinstance(planner, RrtConnect):
+        if isinstance(planner, Rrt):
             np.testing.assert_array_equal(target, np.repeat(s.goal[None], K, axis=0))
-    first = sampler.asked[0][0]
-    at_start = [np.array_equal(q, s.start) for q in first]
-    assert at_start == ([True] * 8 + [False] * 8 if isinstance(planner, FmtStar) else [True])
+    first, targets = sampler.asked[0]
+    at_start, at_goal = ([np.array_equal(q, end) for q in first] for end in (s.start, s.goal))
+    if isinstance(planner, FmtStar):  # 0.35 of 16 from either end
+        assert at_start == [True] * 6 + [False] * 10 and at_goal == [False] * 10 + [True] * 6
+        np.testing.assert_array_equal(targets, [s.goal] * 10 + [s.start] * 6)
+    else:
+        assert at_start == [True]
+
+
+class Stepper(Recorder):
+    """Steps by 0.4 towards the targets, forgets the answer to every fifth row, and tells which it gave."""
+
+    def sample(self, current, target):
+        self.asked.append((current.copy(), target.copy()))
+        steps = current + 0.4 * (target - current) / np.linalg.norm(target - current, axis=1)[:, None]
+        self.answered = np.flatnonzero(np.arange(len(current)) % 5 != len(self.asked) % 5)
+        self.given = [*getattr(self, "given", []), (self.answered, steps / np.linalg.norm(steps, axis=1)[:, None])]
+        return self.given[-1][1][self.answered]
+
+
+def test_chains_of_learned_samples():
+    """A free learned sample is where its own row goes on from, towards the same target, until it arrives; a row that
+    got none, or one in an obstacle, begins again at a free configuration elsewhere."""
+    s, sampler = SOLVABLE[2], Stepper(batch=20)
+    space = space_of("projection", s)
+    FmtStar(samples=120, arrive=0.5).plan(Problem(space, s.start, s.goal), sampler, Termination(max_iterations=1), 0)
+    kept = begun = arrived = 0
+    for (answered, steps), (current, target), (after, aim) in zip(
+        sampler.given, sampler.asked, sampler.asked[1:], strict=False
+    ):
+        np.testing.assert_array_equal(aim, target)
+        for row in range(20):
+            near = np.linalg.norm(steps[row] - target[row]) <= 0.5
+            if row in answered and space.validity.free(steps[row]) and not near:
+                np.testing.assert_array_equal(after[row], steps[row])
+                kept += 1
+            else:
+                assert space.validity.free(after[row])
+                assert (np.linalg.norm(after[row] - np.concatenate([steps, current]), axis=1) > 1e-9).all()
+                begun, arrived = begun + 1, arrived + near
+    assert kept > 40 and begun > 20 and arrived > 5
 
 
 def test_rrtconnect_asks_in_turn():

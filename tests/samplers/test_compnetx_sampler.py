@@ -70,6 +70,21 @@ def test_samples_are_the_projected_proposals(network):
     np.testing.assert_allclose(found, proposals / np.linalg.norm(proposals, axis=1)[:, None], atol=1e-3)
 
 
+def test_which_pairs_were_answered(network):
+    """Below a ceiling some proposals are dropped: the sampler tells to which pairs the others belong, and so does the
+    classical sampler after it."""
+    sampler = started(network, seed=4, upper=(1.5, 1.5, 0.2), n_ismp=1)
+    found = ask(sampler, 20)
+    rng = np.random.default_rng(1)
+    proposals = network.sample("kitchen", on_sphere(rng, 20), on_sphere(rng, 20), np.random.default_rng(4))
+    directions = proposals / np.linalg.norm(proposals, axis=1)[:, None]
+    assert 0 < len(found) < 20
+    np.testing.assert_array_equal(sampler.answered, np.flatnonzero(directions[:, 2] <= 0.2))
+    np.testing.assert_allclose(found, directions[sampler.answered], atol=1e-3)
+    classical = ask(sampler, 20)
+    assert sampler.answered.tolist() == list(range(len(classical)))
+
+
 def test_equal_seeds_give_equal_samples(network):
     """The same seed gives the same samples, also through the change to the classical sampler; another seed others."""
     runs = [
