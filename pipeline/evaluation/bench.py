@@ -11,7 +11,7 @@ from pipeline.environments.oracle import Oracle
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lines, scaling_table
 from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_table, planning_table
-from pipeline.learning import CompnetxNetwork, Model, Normalisation, load_model
+from pipeline.learning import Model, Normalisation, load_model
 from pipeline.learning.networks import Compnetx
 from pipeline.learning.recipe import ModelConfig
 from pipeline.parallel import single_threaded
@@ -93,7 +93,7 @@ def measure(bench: Bench) -> Measured:
         contest.seed,
     )
     with single_threaded():
-        parts = parts_table(place, CompnetxNetwork(model), voxels)
+        parts = parts_table(place, model, voxels)
         trials = contest_trials(contest, environment, scenes, problems)
     scaling = scaling_table(bench.oracle, environment, scenes, problems.iloc[: bench.demonstrations], bench.shard)
     planning = planning_table(trials)

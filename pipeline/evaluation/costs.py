@@ -19,7 +19,7 @@ from pipeline.environments.oracle import Oracle, demonstrate, shards
 from pipeline.errors import require
 from pipeline.evaluation.statistics import summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
-from pipeline.learning import CompnetxNetwork
+from pipeline.learning import CompnetxNetwork, Model
 from pipeline.manifolds import Adherence, Traversal, make_adherence
 from pipeline.manifolds.screening import POINTS
 from pipeline.parallel import run_shards
@@ -32,6 +32,7 @@ log = logging.getLogger(__name__)
 PARTS = ("part", "per", "n", "median [us]", "p95 [us]")
 SCALING = ("workers", "demonstrations", "start [s]", "work [s]", "speed-up", "speed-up without start", "same paths")
 _WARM_UP = 10  # calls that are not counted
+_LEARNED = 100  # rows of a call by FMT*, see conf/sampler/compnetx_batch.yaml
 _BATCH = 32  # rows of a batch, of projections and network samples alike: a block of the uniform sampler
 _EDGE = 0.3  # length of a typical edge of FMT* [m]
 _Part = tuple[str, str, np.ndarray]  # name, what of, cost of each repetition [us]
@@ -94,7 +95,7 @@ class Workplace:
             yield problem, found.path
 
 
-def parts_table(place: Workplace, network: CompnetxNetwork, voxels: np.ndarray) -> pd.DataFrame:
+def parts_table(place: Workplace, model: Model, voxels: np.ndarray) -> pd.DataFrame:
     """Return the columns PARTS: median and 95th percentile of what each part costs.
 
     A walk's cost is that of all walks of one plan, failed ones and new charts included, over the states they reached;
@@ -102,11 +103,11 @@ def parts_table(place: Workplace, network: CompnetxNetwork, voxels: np.ndarray) 
 
     Args:
         place: where and how often.
-        network: as trained or not; its cost does not depend on its weights.
+        model: as trained or not; its cost does not depend on its weights.
         voxels: grid of a scene (L, W, H), to be encoded.
     """
     rng, rows = np.random.default_rng(place.seed), []
-    for costs in (_walks(place), _checks(place, rng), _network(place, network, voxels, rng), _paths(place)):
+    for costs in (_walks(place), _checks(place, rng), _network(place, model, voxels, rng), _paths(place)):
         for part, per, us in costs:
             found = summary(us)
             rows.append((part, per, found.n, found.median, found.p95))
@@ -219,17 +220,20 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
     yield f"projection of {_BATCH} random configurations", "row", batches
 
 
-def _network(
-    place: Workplace, network: CompnetxNetwork, voxels: np.ndarray, rng: np.random.Generator
-) -> Iterator[_Part]:
+def _network(place: Workplace, model: Model, voxels: np.ndarray, rng: np.random.Generator) -> Iterator[_Part]:
     robot, keys = place.environment.robot(), itertools.count()
+    network, plain = CompnetxNetwork(model), CompnetxNetwork(model, tiles=False)
+    plain.encode(0, voxels)
     # A new key every time: a scene that is known already costs nothing.
     yield "scene encoding", "scene", times_us(lambda _: network.encode(next(keys), voxels), range(place.parts.calls))
-    for K in (1, _BATCH):
+    for K in (1, _BATCH, _LEARNED):
         pairs = rng.uniform(robot.lower, robot.upper, (place.parts.calls, 2, K, robot.dimension))
         us = times_us(lambda pair: network.sample(0, pair[0], pair[1], rng), pairs)
         yield f"network sample, K = {K}", "call", us
         yield f"network sample, K = {K}", "sample", us / K
+        if K > 1:
+            us = times_us(lambda pair: plain.sample(0, pair[0], pair[1], rng), pairs)
+            yield f"network sample, K = {K}, in single precision", "call", us
 
 
 def _paths(place: Workplace) -> Iterator[_Part]:

@@ -108,7 +108,10 @@ def test_parts(tables):
     walks = [f"traverse, {key.replace('_', ' ')}, {place}" for key in ADHERENCES for place in places]
     expected = [*walks, "validity, free", "validity, colliding", "validity, 15 along 0.3 m at once"]
     expected += ["projection of a random configuration", "projection of 32 random configurations", "scene encoding"]
-    expected += [f"network sample, K = {K}" for K in (1, 1, 32, 32)] + ["refine", "verifier"]
+    expected += ["network sample, K = 1"] * 2
+    for K in (32, 100):
+        expected += [f"network sample, K = {K}"] * 2 + [f"network sample, K = {K}, in single precision"]
+    expected += ["refine", "verifier"]
     assert list(parts["part"]) == expected
     values = parts[["n", "median [us]", "p95 [us]"]].astype(float)
     assert (values["n"] >= 1).all() and (values["median [us]"] > 0).all()
