@@ -22,7 +22,7 @@ _FLAGS = ("-O1", "-ffp-contract=off", "-fPIC", "-shared")
 
 def native(function: ca.Function) -> ca.Function | None:
     """Return a function as machine code; None without a compiler, or where it fails, which is logged."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    compiler = find_compiler()
     if compiler is None:
         log.debug("no C compiler: %s is evaluated by CasADi", function.name())
         return None
@@ -42,6 +42,11 @@ def native(function: ca.Function) -> ca.Function | None:
     except RuntimeError as error:
         log.warning("%s cannot be loaded (%s): it is evaluated by CasADi", library, str(error).splitlines()[0])
         return None
+
+
+def find_compiler() -> str | None:
+    """Return the path of a C compiler; None where there is none."""
+    return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
 def cache() -> Path:

@@ -8,21 +8,37 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from pipeline.constraints.native import find_compiler
+from pipeline.learning.inference import has_tiles
+
 _PEERS = ("roboplan",)  # named where they are installed
 PACKAGES = ("ompl", "pin", "coal", "casadi", "torch", "numpy", "scipy", "lightning", "hydra-core", "dvc")
 
 
 def hardware() -> dict[str, Any]:
-    """Return the commit, processor, usable cores, memory, Python, platform and the versions that matter."""
+    """Return the commit, what of the machine matters to times, and versions."""
     return {
         "commit": _commit(),
         "cpu": _first(Path("/proc/cpuinfo"), "model name") or platform.processor() or "unknown",
         "cores": len(os.sched_getaffinity(0)),
+        "tiles": "networks multiply batches in bfloat16"
+        if has_tiles()
+        else "none: networks compute in single precision",
+        "compiler": _compiler(),
         "memory": _first(Path("/proc/meminfo"), "MemTotal") or "unknown",
         "platform": platform.platform(),
         "python": platform.python_version(),
         "packages": {name: version(name) for name in PACKAGES} | _installed(_PEERS),
     }
+
+
+def _compiler() -> str:
+    """Name the C compiler that `native` functions are made by."""
+    compiler = find_compiler()
+    if compiler is None:
+        return "none: CasADi evaluates all functions itself"
+    said = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout
+    return said.splitlines()[0] if said else compiler
 
 
 def _installed(names: tuple[str, ...]) -> dict[str, str]:
