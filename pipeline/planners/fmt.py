@@ -218,7 +218,7 @@ class _Wave:
     def join(self, Q: np.ndarray) -> None:
         """Add samples (m, n) and connect each to its cheapest reachable closed neighbour.
 
-        The tree is the same as if they came one by one: a sample knows those before it, but is not connected to them.
+        A sample knows those of the batch before it, but is not connected to them.
         One without a closed neighbour is left out; one that can reach none of them stays unvisited.
         """
         distances = cdist(Q, self.q[: self.count])
@@ -307,6 +307,8 @@ class _Wave:
 
     def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
         x = self.count
+        known = distances < np.inf  # of a batch, a sample does not know those after it
+        near, distances = near[known], distances[known]
         width = max(len(near), int(self.degree[near].max()) + 1)
         if x == len(self.cost) or width > self.neighbours.shape[1]:
             self._grow(2 * x if x == len(self.cost) else len(self.cost), width)
