@@ -14,7 +14,8 @@ from pipeline.reporting.paper_sphere import SPHERE, PaperResult
 TITLE = "Sphere"
 _CHOICES_NOTE = (
     "Each row changes the parameters named in brackets; everything else is as in the results above, with projection. "
-    "No test scene was used."
+    "No test scene was used. Rows with group = 0.0 expand one sample after the other by code made for groups, which a "
+    "queue would do in less time: they compare paths and checks, not speed."
 )
 _ENCODING_NOTE = (
     "A scene is encoded once, by the first plan in it, which is a warm-up here: no time on this page holds that "
