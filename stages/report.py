@@ -25,9 +25,8 @@ class Config:
     plain_stills: bool | None
 
     def __post_init__(self) -> None:
-        # The project's own README.md stands where these pages would.
         if self.output.resolve() == Path.cwd().resolve():
-            raise ConfigError("output is the current folder; name one for the pages, such as output=reports")
+            raise ConfigError("output is the current folder and would replace README.md; name one such as reports")
         if not self.environments:
             raise ConfigError("environments is empty; name at least one")
 
@@ -39,9 +38,8 @@ def main(cfg: DictConfig) -> None:
     # Entry by entry: beside these pages may lie others that this stage does not write.
     with atomic_entries(config.output) as out:
         summaries = [(f"{name}.md", _page(config, name, out)) for name in config.environments]
-        reporting.write(
-            reporting.index("Reports", summaries, _provenance(config, config.environments[0])), out / "README.md"
-        )
+        index = reporting.index("Reports", summaries, _provenance(config, config.environments[0]))
+        reporting.write(index, out / "README.md")
         write_layout(out / "layout.json", 3)
 
 
@@ -52,8 +50,7 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     solutions = read_table(benchmark / "solutions.parquet", "solutions")
     samples = read_arrays(benchmark / "samples.npz", "samples")
     settings = read_json(benchmark / "methods.json", "methods")
-    train = folder(config.profile.name, "train", name)
-    curves = read_curves(train / "curves.csv", train / "metrics.json")
+    curves = read_curves(folder(config.profile.name, "train", name))
     scenes = read_scenes(folder(config.profile.name, "scenes", name))
     obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")

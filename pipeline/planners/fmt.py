@@ -170,6 +170,7 @@ class _Wave:
         self.parent = np.full(self.count, -1)
         self.walks: dict[tuple[int, int], np.ndarray] = {}  # states of the edges that were walked and hold
         self.blocked: set[tuple[int, int]] = set()
+        # The straight line to the goal; what stands for no sample is at it.
         self.ahead = np.linalg.norm(np.append(batch, batch[_GOAL : _GOAL + 1], axis=0) - batch[_GOAL], axis=1)
         self.width = group * float(np.median(self.distances[:, -1]))
         self.cost[_START] = 0.0

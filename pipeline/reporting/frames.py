@@ -120,16 +120,16 @@ def path_array(row: pd.Series) -> np.ndarray:
     return flat.reshape(shape)
 
 
-def read_curves(path: Path, metrics: Path) -> pd.DataFrame:
+def read_curves(folder: Path) -> pd.DataFrame:
     """Return the losses of all epochs: columns epoch, train_loss, val_loss.
 
     Args:
-        path: curves.csv of a training.
-        metrics: metrics.json of the same.
+        folder: of a training; curves.csv and metrics.json are in it.
 
     Raises:
         ArtifactError: the file is missing, is not such a table, or has not as many epochs as the metrics say.
     """
+    path, metrics = folder / "curves.csv", folder / "metrics.json"
     if not path.is_file():
         raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
     try:

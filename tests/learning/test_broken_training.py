@@ -1,16 +1,13 @@
 """Training that was ended or found its folder damaged: what it says, what it leaves, and how it goes on."""
 
 import logging
-import os
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import torch
 from small_training import make_data
-from test_training import KILLED, PARAMETERS, ROOT, folders, run, stored
+from test_training import KILLED, PARAMETERS, ROOT, folders, process, run, stored
 
 from pipeline.learning import module
 from pipeline.learning.module import Lines
@@ -89,15 +86,7 @@ def test_nothing_of_a_damaged_run_stays(data, tmp_path, monkeypatch):
 
 def test_stage_ended_by_sigterm(data, whole, tmp_path):
     """SIGTERM ends the stage with status 143 and one line on stderr, publishes nothing, and a repeat goes on there."""
-    ended = subprocess.run(
-        [sys.executable, "-c", STAGE],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    ended = process(STAGE, tmp_path)
     assert ended.returncode == 143, ended.stderr
     (line,) = [line for line in ended.stderr.splitlines() if "SIGTERM" in line]
     assert (

@@ -62,6 +62,19 @@ def unbroken(tmp_path_factory) -> tuple[Trained, Path]:
     return run(make_data(), scratch), scratch
 
 
+def process(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run code in a process of its own, in a folder."""
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
 def folders(path: Path) -> list[Path]:
     """Folders in a folder."""
     return [entry for entry in path.iterdir() if entry.is_dir()]
@@ -69,15 +82,8 @@ def folders(path: Path) -> list[Path]:
 
 def test_killed_and_continued(data, unbroken, tmp_path):
     """A run killed in the middle of an epoch and continued ends with the bytes and the curves of an unbroken one."""
-    killed = subprocess.run(
-        [sys.executable, "-c", KILLED],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])},
-        cwd=tmp_path,
-        capture_output=True,
-        timeout=120,
-        check=False,
-    )
-    assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
+    killed = process(KILLED, tmp_path)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
     (folder,) = folders(tmp_path / "broken")
     assert len(pd.read_csv(folder / "curves.csv")) == 3
     continued, (whole, scratch) = run(data, tmp_path / "broken"), unbroken
@@ -127,16 +133,9 @@ def test_killed_while_a_checkpoint_is_written(data, unbroken, tmp_path, monkeypa
 
 def test_sigterm_is_no_success(data, tmp_path):
     """SIGTERM ends a training with status 143 and a line that says how far it came."""
-    ended = subprocess.run(
-        [sys.executable, "-c", KILLED.replace("SIGKILL", "SIGTERM")],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])},
-        cwd=tmp_path,
-        capture_output=True,
-        timeout=120,
-        check=False,
-    )
-    assert ended.returncode == 143, ended.stderr.decode()
-    assert f"ended by SIGTERM after 3 of {PARAMETERS.epochs} epochs" in ended.stderr.decode()
+    ended = process(KILLED.replace("SIGKILL", "SIGTERM"), tmp_path)
+    assert ended.returncode == 143, ended.stderr
+    assert f"ended by SIGTERM after 3 of {PARAMETERS.epochs} epochs" in ended.stderr
 
 
 def test_lines_tell_where_training_stands(data, tmp_path, caplog):

@@ -10,16 +10,15 @@ from pipeline.reporting.frames import read_curves
 WHOLE = "epoch,train_loss,val_loss\n0,1.0,1.5\n1,0.5,0.75\n2,0.25,0.5\n"
 
 
-@pytest.fixture
-def metrics(tmp_path):
+@pytest.fixture(autouse=True)
+def _metrics(tmp_path):
     (tmp_path / "metrics.json").write_text(json.dumps({"epochs": 3}))
-    return tmp_path / "metrics.json"
 
 
-def test_a_whole_table_is_read(tmp_path, metrics):
+def test_a_whole_table_is_read(tmp_path):
     """Every row is there, in order."""
     (tmp_path / "curves.csv").write_text(WHOLE)
-    assert read_curves(tmp_path / "curves.csv", metrics)["val_loss"].tolist() == [1.5, 0.75, 0.5]
+    assert read_curves(tmp_path)["val_loss"].tolist() == [1.5, 0.75, 0.5]
 
 
 @pytest.mark.parametrize(
@@ -34,10 +33,10 @@ def test_a_whole_table_is_read(tmp_path, metrics):
         (WHOLE.replace("val_loss", "loss").encode(), "missing columns"),
     ],
 )
-def test_what_is_not_one_is_refused(tmp_path, metrics, content, said):
+def test_what_is_not_one_is_refused(tmp_path, content, said):
     """A file that is missing, empty, foreign, cut off, or holds no numbers is refused by name."""
     if content is not None:
         (tmp_path / "curves.csv").write_bytes(content)
     with pytest.raises(ArtifactError, match=said) as refused:
-        read_curves(tmp_path / "curves.csv", metrics)
+        read_curves(tmp_path)
     assert "curves.csv" in str(refused.value)
