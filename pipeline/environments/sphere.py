@@ -170,7 +170,7 @@ class _FreeSpace:
         margin = environment.margin + environment.slack
         self.validity = Validity(environment.robot(), scene.obstacles, margin)
         grid = environment.radius * fibonacci_sphere(environment.grid)
-        free = np.array([self.validity.free(q) for q in grid])
+        free = self.validity.free_rows(grid)
         if not free.any():
             raise ProblemError(f"scene {scene.name!r} has no free space at a margin of {margin} m")
         # Grid points are sqrt(4 pi / N) apart; neighbours in all directions are within 1.8 times that.
@@ -184,7 +184,7 @@ class _FreeSpace:
         along = border[links].all(axis=1)
         middles = grid[links[along]].mean(axis=1)
         sound = np.ones(len(links), bool)
-        sound[along] = [self.validity.free(q) for q in middles]
+        sound[along] = self.validity.free_rows(middles)
         links = links[sound]
         graph = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(len(grid),) * 2)
         _, pieces = connected_components(graph, directed=False)

@@ -213,7 +213,9 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
     way *= _EDGE / np.linalg.norm(way, axis=1, keepdims=True)
     lines = begin[:, None] + np.arange(1, POINTS + 1)[:, None] / (POINTS + 1) * way[:, None]
     edges = constraint.project_batch(lines.reshape(-1, constraint.n))[0].reshape(lines.shape)
-    yield f"validity, {POINTS} along {_EDGE} m at once", "check", times_us(checker.all_free, edges) / POINTS
+    yield f"validity, {POINTS} along {_EDGE} m at once", "check", times_us(checker.all_free, edges[:, None]) / POINTS
+    rows = [states[i : i + _BATCH] for i in range(0, len(states) - _BATCH + 1, _BATCH)]
+    yield f"validity, {_BATCH} in one call", "check", times_us(checker.free_rows, rows) / _BATCH
     random = rng.uniform(robot.lower, robot.upper, (place.parts.calls, _BATCH, constraint.n))
     yield "projection of a random configuration", "call", times_us(constraint.project, random[:, 0])
     batches = times_us(constraint.project_batch, random) / _BATCH

@@ -8,6 +8,8 @@ from pipeline.constraints import Constraint
 from pipeline.errors import ConstraintError, require
 from pipeline.manifolds.base import AdherenceParameters, length
 
+_NEAREST = 4  # charts that are asked whether they hold a configuration
+
 
 @dataclass(frozen=True)
 class AtlasParameters(AdherenceParameters):
@@ -118,32 +120,34 @@ class Atlas:
         """Return the chart whose validity region and polytope hold q (n,); None without one."""
         if not self.charts:
             return None
-        offsets = self.origins - q
+        offsets = q - self.origins
         squared = np.einsum("ij,ij->i", offsets, offsets)
-        nearest = int(squared.argmin())
-        if self._holds(self.charts[nearest], q):
-            return self.charts[nearest]
         # The owner is among the nearest origins; a few bound the search where chords and tangents differ.
-        for i in np.argsort(squared, kind="stable")[1:4].tolist():
-            if self._holds(self.charts[i], q):
-                return self.charts[i]
+        for i in np.argsort(squared, kind="stable")[:_NEAREST].tolist():
+            chart, offset = self.charts[i], offsets[i]
+            if self._near(chart, offset):
+                u = offset @ chart.tangent
+                if self._in_region(u, offset) and self.in_polytope(chart, u):
+                    return chart
         return None
 
     def at(self, q: np.ndarray) -> Chart | None:
         """Return the chart that holds q, or a new one there (GetChart of Algorithms 3 and 4)."""
         return self.find(q) or self.add(q)
 
-    def _holds(self, chart: Chart, q: np.ndarray) -> bool:
-        u = chart.log(q)
-        return self.in_region(chart, u, q) and self.in_polytope(chart, u)
-
     def in_region(self, chart: Chart, u: np.ndarray, q: np.ndarray) -> bool:
         """True when u (d,) and q = psi(u) (n,) satisfy eq. (5)."""
-        reach = length(u)
-        if reach > self.parameters.rho:
-            return False
         offset = q - chart.origin
-        return length(offset - chart.tangent @ u) <= self.parameters.epsilon and reach >= self._cosine * length(offset)
+        return self._near(chart, offset) and self._in_region(u, offset)
+
+    def _near(self, chart: Chart, offset: np.ndarray) -> bool:
+        """The first condition of eq. (5), which most charts fail: to stand at most epsilon above the tangent space."""
+        return length(offset @ chart.normal) <= self.parameters.epsilon
+
+    def _in_region(self, u: np.ndarray, offset: np.ndarray) -> bool:
+        """The others: coordinates u (d,) of an offset (n,) from the chart's origin, and the angle between the two."""
+        reach = length(u)
+        return reach <= self.parameters.rho and reach >= self._cosine * length(offset)
 
     def in_polytope(self, chart: Chart, u: np.ndarray) -> bool:
         """True when u (d,) is on the chart's side of all half-spaces; always, where charts are not kept apart."""

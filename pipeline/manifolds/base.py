@@ -19,7 +19,7 @@ import numpy as np
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds.certificate import Certificate
-from pipeline.manifolds.screening import POINTS, Screen
+from pipeline.manifolds.screening import Screen
 from pipeline.robots import Validity
 
 FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
@@ -245,23 +245,25 @@ class Adherence(ABC):
         return X[rows], rows
 
     def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tell of edges, rows of q_from and q_to (m, n), whether they look free (m,), and about how long they are (m,).
+        """Tell of edges, rows of q_from and q_to (m, n), whether they look free (m,), and how long they are (m,).
 
-        Looks at points every sixteenth of the straight line, projected, at a fraction of the price of a walk. True
-        promises nothing: the walk decides. On an edge long against the manifold's curvature the walk may pass elsewhere
-        and be refused without need.
+        Looks at points of the straight line, projected, at a fraction of the price of a walk: a `resolution` apart, or
+        every sixteenth where that is farther. True promises nothing: the walk decides. On an edge long against the
+        manifold's curvature the walk may pass elsewhere and be refused without need. Lengths are approximate, and
+        infinite where an edge does not look free.
         """
-        self.counters.projections += POINTS * len(q_from)
-        return self._screen.look(q_from, q_to, self.validity)
+        promising, lengths, projected = self._screen.look(q_from, q_to, self.validity)
+        self.counters.projections += projected
+        return promising, lengths
 
     def prepare_screen(self) -> None:
         """Make what `screen` needs, which otherwise its first call does."""
-        _ = self._screen
-        self.validity.prepare()
+        self._screen.prepare(self.validity)
 
     @cached_property
     def _screen(self) -> Screen:
-        return Screen(self.constraint, self.parameters.newton_steps, self.parameters.native)
+        parameters = self.parameters
+        return Screen(self.constraint, parameters.newton_steps, parameters.resolution, parameters.native)
 
     def refine(self, states: np.ndarray) -> Refined:
         """Walk along `states` (T, n) at `refinement`: project, check bounds and collisions in between.

@@ -1,5 +1,6 @@
 """Telling of many edges at once whether they look free, for planners that walk only the few they need (FMT*)."""
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import casadi as ca
@@ -8,57 +9,92 @@ import numpy as np
 from pipeline.constraints import Compiled, Constraint
 from pipeline.robots import Validity
 
-POINTS = 15  # of an edge, one every sixteenth: a query of `Validity.all_free` holds them all
+POINTS = 15  # of an edge at most, one every sixteenth
 _MIDDLE = POINTS // 2
+# Those that are asked beside the middle where an edge is looked at in 4, 8 and 16 pieces.
+_BESIDE = [[i for i in range(first, POINTS, first + 1) if i != _MIDDLE] for first in (3, 1, 0)]
 _EDGES = 8  # looked at by one call of the function
+_MIDDLES = 32  # the same, where only the middle is
 
 
 class Screen:
-    """Points every sixteenth of straight lines between configurations, projected onto one manifold.
+    """Points of straight lines between configurations, every sixteenth at the finest, projected onto one manifold.
 
     Args:
         constraint: of the manifold.
         newton_steps: of a projection; at most three are taken.
+        resolution: the straight line is halved until its pieces are at most this long, or sixteenths [rad or m].
         native: evaluate as machine code where there is a C compiler; compiling takes a second.
     """
 
-    def __init__(self, constraint: Constraint, newton_steps: int, native: bool) -> None:
+    def __init__(self, constraint: Constraint, newton_steps: int, resolution: float, native: bool) -> None:
         self._constraint = constraint
+        self._halves = resolution * np.array([2.0, 4.0, 8.0])
         q_from, q_to = ca.SX.sym("q_from", constraint.n), ca.SX.sym("q_to", constraint.n)
         lines = [q_from + share / (POINTS + 1) * (q_to - q_from) for share in range(1, POINTS + 1)]
         found = [constraint.projected(q, min(newton_steps, 3)) for q in lines]
         stations = [q_from, *(q for q, _ in found), q_to]
         way = sum((ca.norm_2(b - a) for a, b in pairwise(stations)), ca.SX(0))
         reached, missed = (ca.vertcat(*(pair[i] for pair in found)) for i in (0, 1))
-        single = ca.Function("between", [q_from, q_to], [ca.densify(x) for x in (reached, missed, way)])
-        self._between = Compiled(single.map(_EDGES), native)
-        points, violations, ways = self._between.results  # views of what every call overwrites
-        self._points = points.reshape(_EDGES, POINTS, constraint.n)
-        self._violations, self._ways = violations.reshape(_EDGES, POINTS), ways.reshape(_EDGES)
-        self._ends = [ends.reshape(_EDGES, constraint.n) for ends in self._between.arguments]
+        between = ca.Function("between", [q_from, q_to], [ca.densify(x) for x in (reached, missed, way)])
+        middle = ca.Function("middle", [q_from, q_to], [ca.densify(x) for x in found[_MIDDLE]])
+        self._between = _Rows(Compiled(between.map(_EDGES), native), _EDGES)
+        self._middle = _Rows(Compiled(middle.map(_MIDDLES), native), _MIDDLES)
 
-    def look(self, q_from: np.ndarray, q_to: np.ndarray, validity: Validity) -> tuple[np.ndarray, np.ndarray]:
-        """Return of rows of q_from and q_to (m, n) whether their edges look free (m,), and how long they are (m,).
+    def look(self, q_from: np.ndarray, q_to: np.ndarray, validity: Validity) -> tuple[np.ndarray, np.ndarray, int]:
+        """Return of rows of q_from and q_to (m, n) whether their edges look free (m,), and how long those are (m,).
 
-        Points that do not reach the manifold tell nothing. The length is that of the way through the points [rad or m].
+        Points that do not reach the manifold tell nothing. The length is that of the way through all points
+        [rad or m], and infinite where an edge is not free. The last value is how many points were projected.
 
         Args:
             q_from: where edges begin, free.
             q_to: where they end.
             validity: of the scene.
         """
-        verdicts: list[bool] = []
-        lengths = np.empty(len(q_from))
-        free, all_free, points = validity.free, validity.all_free, self._points
-        for first in range(0, len(q_from), _EDGES):
-            size = min(_EDGES, len(q_from) - first)
+        # Most of the edges that fail do so in their middle, which is cheaper to ask for by itself.
+        promising = np.empty(len(q_from), bool)
+        for block, (middles, missed) in self._middle(q_from, q_to):
+            promising[block] = validity.free_rows(self._or_begin(middles[:, None], missed, q_from[block])[:, 0])
+        left = np.flatnonzero(promising)
+        q_from, q_to, lengths = q_from[left], q_to[left], np.full(len(q_from), np.inf)
+        points, ways = np.empty((len(left), POINTS, q_from.shape[1])), np.empty(len(left))
+        for block, (found, missed, way) in self._between(q_from, q_to):
+            points[block] = self._or_begin(found.reshape(len(found), POINTS, -1), missed, q_from[block])
+            ways[block] = way[:, 0]
+        # How often an edge is to be halved further; most want the same.
+        straight = np.linalg.norm(q_to - q_from, axis=1)
+        levels = np.searchsorted(self._halves, straight)
+        for level in set(levels.tolist()) - {0}:
+            asked = np.flatnonzero(levels == level)
+            promising[left[asked]] = validity.all_free(points[asked].take(_BESIDE[level - 1], axis=1))
+        lengths[left] = np.where(promising[left], ways, np.inf)
+        return promising, lengths, len(promising) + POINTS * len(left)
+
+    @staticmethod
+    def prepare(validity: Validity) -> None:
+        """Make what `look` needs of a scene's checker."""
+        validity.prepare(*map(len, _BESIDE))
+
+    def _or_begin(self, points: np.ndarray, missed: np.ndarray, q_from: np.ndarray) -> np.ndarray:
+        """Return points (m, p, n), where their violation (m, p) is too large where the edge begins, which is free."""
+        off = ~(missed < self._constraint.tolerance**2)  # also for a NaN
+        return np.where(off[:, :, None], q_from[:, None], points) if off.any() else points
+
+
+class _Rows:
+    """Applies a function that takes `size` pairs of configurations at once to any number of them."""
+
+    def __init__(self, function: Compiled, size: int) -> None:
+        self._function, self._size = function, size
+        self._ends = [ends.reshape(size, -1) for ends in function.arguments]
+        self._results = [found.reshape(size, -1) for found in function.results]
+
+    def __call__(self, q_from: np.ndarray, q_to: np.ndarray) -> Iterator[tuple[slice, list[np.ndarray]]]:
+        """Yield which rows were evaluated, and views of their results, which the next ones overwrite."""
+        for first in range(0, len(q_from), self._size):
+            size = min(self._size, len(q_from) - first)
             block = slice(first, first + size)
             self._ends[0][:size], self._ends[1][:size] = q_from[block], q_to[block]
-            self._between.evaluate()
-            lengths[block] = self._ways[:size]
-            off = ~(self._violations[:size] < self._constraint.tolerance**2)  # also for a NaN
-            if off.any():
-                points[:size][off] = np.broadcast_to(q_from[block, None], points[:size].shape)[off]
-            # Half of all edges among obstacles fail in their middle, which is cheaper to ask for by itself.
-            verdicts += [free(points[i, _MIDDLE]) and all_free(points[i]) for i in range(size)]
-        return np.array(verdicts, bool), lengths
+            self._function.evaluate()
+            yield block, [found[:size] for found in self._results]

@@ -8,7 +8,7 @@ fails, its sample is hung onto another neighbour, and without one its branch is 
 """
 
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,6 +23,7 @@ from pipeline.samplers.base import Sampler
 _UNVISITED, _OPEN, _CLOSED = 0, 1, 2
 _START, _GOAL = 0, 1
 _BARREN = 100  # calls in a row without a free sample after which there is nothing to sample
+_SHIFT = 32  # an edge is one number: sets of them are asked faster than sets of pairs
 _TRIES = 5  # neighbours a late sample tries before it is left for the wave: most of the dear ones are blocked too
 
 
@@ -102,7 +103,7 @@ class FmtStar(Planner):
         barren = 0
         while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
             proposals = sampler.sample(current, targets)
-            free = np.array([space.validity.free(q) for q in proposals], bool)
+            free = space.validity.free_rows(proposals)
             barren = 0 if free.any() else barren + 1
             found += list(proposals[free])
             if sampler.informed:
@@ -120,10 +121,10 @@ class FmtStar(Planner):
         while len(found) < count and barren < _BARREN and not clock.out_of_time():
             missing = count - len(found)
             # More than are missing, as some will not be free: a call for a few costs as much as one for many.
-            free = (q for q in space.sample(sampler.rng, 2 * missing + 4) if space.validity.free(q))
-            fresh = list(islice(free, missing))
-            barren = 0 if fresh else barren + 1
-            found += fresh
+            drawn = space.sample(sampler.rng, 2 * missing + 4)
+            fresh = drawn[space.validity.free_rows(drawn)][:missing]
+            barren = 0 if len(fresh) else barren + 1
+            found += list(fresh)
         return np.array(found).reshape(-1, space.dimension)
 
     def _sample_again(self, problem: Problem, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:
@@ -133,9 +134,10 @@ class FmtStar(Planner):
         while not wave.alive and not clock.out_of_time():
             tree = np.flatnonzero(wave.state[: wave.count] == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=K)]]
-            free = [q for q in sampler.sample(current, goals) if problem.adherence.validity.free(q)]
-            if free:
-                wave.join(np.array(free))
+            drawn = sampler.sample(current, goals)
+            free = drawn[problem.adherence.validity.free_rows(drawn)]
+            if len(free):
+                wave.join(free)
             if clock.tick() is not None:
                 return
 
@@ -169,12 +171,11 @@ class _Wave:
         self.reach = np.full(self.count + 1, np.inf)  # the cost of open samples
         self.parent = np.full(self.count, -1)
         self.walks: dict[tuple[int, int], np.ndarray] = {}  # states of the edges that were walked and hold
-        self.blocked: set[tuple[int, int]] = set()
+        self.blocked: set[int] = set()  # edges, as parent << _SHIFT | sample
         # The straight line to the goal; what stands for no sample is at it.
         self.ahead = np.linalg.norm(np.append(batch, batch[_GOAL : _GOAL + 1], axis=0) - batch[_GOAL], axis=1)
         self.width = group * float(np.median(self.distances[:, -1]))
-        self.cost[_START] = 0.0
-        self._open(_START)
+        self.cost[_START], self.state[_START], self.reach[_START] = 0.0, _OPEN, 0.0
 
     @property
     def alive(self) -> bool:
@@ -192,29 +193,33 @@ class _Wave:
         group = group[keys[group].argsort(kind="stable")]
         near = self.neighbours[group]
         rows, columns = np.nonzero(self.state[near] == _UNVISITED)
-        waiting, first = np.unique(near[rows, columns], return_index=True)
-        joined: list[tuple[int, int, float]] = []
+        rows, found = rows[::-1], near[rows, columns][::-1]  # the cheapest of the group come last, and stay
+        asker = np.full(len(keys), -1)
+        asker[found] = group[rows]
+        waiting = np.flatnonzero(asker >= 0)
+        joined: list[tuple[np.ndarray, ...]] = []
         if len(waiting):
             others = self.neighbours[waiting]  # (m, width)
             costs, places = self.reach[others] + self.distances[waiting], keys[others]
             left = np.arange(len(waiting))
             best = costs.argmin(axis=1)
             # Being among another's neighbours does not mean to have it among one's own.
-            parents = np.where(np.isfinite(costs[left, best]), others[left, best], group[rows[first]])
+            parents = np.where(costs[left, best] < np.inf, others[left, best], asker[waiting])
             leaving = np.zeros(len(keys), bool)
             leaving[group] = True
             while len(left):
-                found = self._connect(parents[left], waiting[left])
-                joined += found
-                again = leaving[parents[left]] & ~np.isin(waiting[left], [x for _, x, _ in found], assume_unique=True)
-                left = left[again]
+                holds, ways = self._connect(parents[left], waiting[left])
+                there = left[holds]
+                joined.append((parents[there], waiting[there], ways[holds]))
+                left = left[~holds]
+                left = left[leaving[parents[left]]]
                 costs[left] = np.where(places[left] > keys[parents[left], None], costs[left], np.inf)
                 best = costs[left].argmin(axis=1)
                 parents[left] = others[left, best]
-                left = left[leaving[parents[left]] & np.isfinite(costs[left, best])]
+                left = left[leaving[parents[left]] & (costs[left, best] < np.inf)]
         self.state[group], self.reach[group] = _CLOSED, np.inf
-        for edge in joined:
-            self._hang(*edge)
+        for edges in joined:
+            self._hang(*edges)
 
     def join(self, Q: np.ndarray) -> None:
         """Add samples (m, n) and connect each to its cheapest reachable closed neighbour.
@@ -242,10 +247,10 @@ class _Wave:
         for tries in (slice(0, 1), slice(1, _TRIES)):  # the cheapest first: it often holds
             left = self.state[samples] == _UNVISITED
             asked = reachable[left, tries]
-            edges = parents[left, tries][asked], np.repeat(samples[left], asked.sum(axis=1))
-            for parent, x, way in self._connect(*edges):
-                if self.state[x] == _UNVISITED:
-                    self._hang(parent, x, way)
+            above, below = parents[left, tries][asked], np.repeat(samples[left], asked.sum(axis=1))
+            holds, ways = self._connect(above, below)
+            below, first = np.unique(below[holds], return_index=True)
+            self._hang(above[holds][first], below, ways[holds][first])
 
     def _nearest(self, distances: np.ndarray) -> np.ndarray:
         """Return the columns of the k least entries in each row of distances (m, N)."""
@@ -263,7 +268,7 @@ class _Wave:
         if broken is None:
             return states
         self.space.counters.repairs += 1
-        self.blocked.add((int(self.parent[broken]), broken))
+        self.blocked.add(int(self.parent[broken]) << _SHIFT | broken)
         if not self._rewire(broken):
             self._retract(broken)
         return None
@@ -281,30 +286,24 @@ class _Wave:
         refined = self.space.refine(np.concatenate([self.q[:1], *ways]))
         return None if refined.invalid is None else owners[refined.invalid], refined.states
 
-    def _connect(self, parents: np.ndarray, samples: np.ndarray) -> list[tuple[int, int, float]]:
-        """Return those edges (parents[i], samples[i]) that look free, with their lengths; remember the others."""
-        edges = list(zip(parents.tolist(), samples.tolist(), strict=True))
-        unknown = [i for i, edge in enumerate(edges) if edge not in self.blocked]
-        if not unknown:
-            return []
-        if len(unknown) < len(edges):
-            parents, samples, edges = parents[unknown], samples[unknown], [edges[i] for i in unknown]
-        promising, lengths = self.space.screen(self.q[parents], self.q[samples])
-        found = []
-        for edge, holds, way in zip(edges, promising.tolist(), lengths.tolist(), strict=True):
-            if holds:
-                found.append((*edge, way))
-            else:
-                self.blocked.add(edge)
-        return found
+    def _connect(self, parents: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tell which edges (parents[i], samples[i]) look free (m,), and how long those are; remember the others."""
+        keys = (parents << _SHIFT | samples).tolist()
+        unknown = [i for i, key in enumerate(keys) if key not in self.blocked]
+        if len(unknown) == len(keys):
+            holds, ways = self.space.screen(self.q[parents], self.q[samples])
+        else:
+            holds, ways = np.zeros(len(keys), bool), np.full(len(keys), np.inf)
+            if unknown:
+                holds[unknown], ways[unknown] = self.space.screen(self.q[parents[unknown]], self.q[samples[unknown]])
+        self.blocked.update(compress(keys, (~holds).tolist()))
+        return holds, ways
 
-    def _hang(self, parent: int, x: int, way: float) -> None:
-        """Put x into the tree, below `parent` by an edge of length `way`, and into the front."""
-        self.parent[x], self.cost[x] = parent, self.cost[parent] + way
-        self._open(x)
-
-    def _open(self, x: int) -> None:
-        self.state[x], self.reach[x] = _OPEN, self.cost[x]
+    def _hang(self, parents: np.ndarray, samples: np.ndarray, ways: np.ndarray) -> None:
+        """Put samples into the tree, below parents by edges of these lengths, and into the front."""
+        costs = self.cost[parents] + ways
+        self.parent[samples], self.cost[samples] = parents, costs
+        self.state[samples], self.reach[samples] = _OPEN, costs
 
     def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
         x = self.count
@@ -352,14 +351,11 @@ class _Wave:
         near = self.neighbours[x]
         tree = near[(near >= 0) & (self.state[near] != _UNVISITED) & ~np.isin(near, lost)]
         order = tree[np.argsort(self.cost[tree] + np.linalg.norm(self.q[tree] - self.q[x], axis=1), kind="stable")]
-        asked = [(y, x) for y in order[:_TRIES].tolist() if (y, x) not in self.blocked]
-        if not asked:
-            return False
-        promising, lengths = self.space.screen(*self.q[np.array(asked).T])
-        for (y, _), holds, way in zip(asked, promising.tolist(), lengths.tolist(), strict=True):
-            walk = self.space.traverse(self.q[y], self.q[x]) if holds else None
-            if walk is None or not walk.reached:
-                self.blocked.add((y, x))
+        holds, ways = self._connect(order[:_TRIES], np.full(len(order[:_TRIES]), x))
+        for y, way in zip(order[:_TRIES][holds].tolist(), ways[holds].tolist(), strict=True):
+            walk = self.space.traverse(self.q[y], self.q[x])
+            if not walk.reached:
+                self.blocked.add(y << _SHIFT | x)
                 continue
             self.walks[y, x] = walk.states
             self.parent[x] = y

@@ -10,7 +10,6 @@ once (`Flock`).
 
 from collections.abc import Collection, Sequence
 from copy import copy
-from functools import cached_property
 from typing import Protocol
 
 import coal
@@ -24,6 +23,7 @@ from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
 
 _CROWD = 64  # obstacles, from which on they get a tree
+_FLOCK = 16  # most configurations that one query answers for
 
 
 class Condition(Protocol):
@@ -74,6 +74,7 @@ class Validity:
         self.margin, self.self_margin = margin, self_margin
         self.touching, self.conditions = frozenset(touching), tuple(conditions)
         self._wider: dict[float, Validity] = {}
+        self._flocks: dict[int, Flock] = {}  # by the number of copies
         self.checks = 0  # collision queries so far
         self._model, self._data = robot.model, robot.model.createData()
         apart = {obstacle for _, obstacle in touching}
@@ -132,22 +133,34 @@ class Validity:
             return False
         return self._pairs is None or not self._pairs.collides(q)
 
-    def all_free(self, Q: np.ndarray) -> bool:
-        """True when all rows of Q (m, n) are free; against a tree of obstacles a multiple faster than one by one."""
-        if self._crowd is None or not len(Q):
-            return all(self.free(q) for q in Q)
+    def free_rows(self, Q: np.ndarray) -> np.ndarray:
+        """Tell which rows of Q (m, n) are free (m,); against a tree of obstacles faster than one by one."""
+        if self._crowd is None:
+            return np.array([self.free(q) for q in Q], bool)
         self.checks += len(Q)
-        if self.conditions and not all(condition.holds(q) for q in Q for condition in self.conditions):
-            return False
+        free = ~np.array(self._strike(Q), bool)
+        if self.conditions or self._pairs is not None:
+            free[free] = [self._free_beside_crowd(q) for q in Q[free]]
+        return free
+
+    def all_free(self, Q: np.ndarray) -> np.ndarray:
+        """Tell of sets of configurations (e, m, n) in which all are free (e,); against a tree faster than by row."""
+        if self._crowd is None or Q.shape[1] > _FLOCK:
+            return np.array([all(self.free(q) for q in rows) for rows in Q], bool)
+        self.checks += Q.shape[0] * Q.shape[1]
         if self._struck:
             self._callback.init()
-        self._struck = self._flock.collide(Q, self._crowd, self._callback)
-        return not self._struck and (self._pairs is None or not any(self._pairs.collides(q) for q in Q))
+        free = ~self._flock(Q.shape[1]).meet(Q, self._crowd, self._callback)
+        self._struck = False
+        if self.conditions or self._pairs is not None:
+            free[free] = [all(self._free_beside_crowd(q) for q in rows) for rows in Q[free]]
+        return free
 
-    def prepare(self) -> None:
-        """Make what `all_free` needs, which otherwise its first call does in some milliseconds."""
+    def prepare(self, *sizes: int) -> None:
+        """Make what `all_free` of sets of these sizes otherwise makes when it is asked, in milliseconds."""
         if self._crowd is not None:
-            _ = self._flock
+            for copies in sizes:
+                self._flock(copies)
 
     def valid(self, q: np.ndarray) -> bool:
         """True when q (n,) is within the limits and free."""
@@ -204,9 +217,15 @@ class Validity:
             nearest = min(nearest, coal.distance(body, placed, request, coal.DistanceResult()))
         return float(nearest)
 
-    @cached_property
-    def _flock(self) -> Flock:
-        return Flock(self._model, self._moving)
+    def _flock(self, copies: int) -> Flock:
+        if copies not in self._flocks:
+            self._flocks[copies] = Flock(self._model, self._moving, copies)
+        return self._flocks[copies]
+
+    def _free_beside_crowd(self, q: np.ndarray) -> bool:
+        """Tell whether conditions hold and no pair outside the tree collides at q (n,)."""
+        holds = all(condition.holds(q) for condition in self.conditions)
+        return holds and (self._pairs is None or not self._pairs.collides(q))
 
     def _list(self, obstacles: Sequence[Obstacle]) -> BroadPhase | None:
         """Return the pairs of the robot with itself and with these obstacles; None when there is no pair."""
@@ -239,7 +258,7 @@ class Validity:
         tree = coal.DynamicAABBTreeCollisionManager()
         for placed in self._objects:
             placed.getAABB().expand(margin)  # coal applies a margin to shapes only, not to the boxes of its trees
-            tree.registerObject(placed)
+        tree.registerObjects(self._objects)  # together: one after the other the tree gets worse
         tree.setup()
         self._callback = coal.CollisionCallBackDefault()
         self._callback.data.request.security_margin = margin
@@ -247,6 +266,7 @@ class Validity:
         return tree
 
     def _strikes(self, q: np.ndarray) -> bool:
+        """Tell whether a body meets the crowd at q (n,)."""
         pin.updateGeometryPlacements(self._model, self._data, self._moving, self._moving_data, q)
         self._moving_manager.update(False)
         if self._struck:
@@ -254,6 +274,23 @@ class Validity:
         self._moving_tree.collide(self._crowd, self._callback)
         self._struck = self._result.isCollision()
         return self._struck
+
+    def _strike(self, Q: np.ndarray) -> list[bool]:
+        """Tell for rows of Q (m, n) whether a body meets the crowd; nothing is looked up twice."""
+        place, update, collide = pin.updateGeometryPlacements, self._moving_manager.update, self._moving_tree.collide
+        model, data, bodies, placed = self._model, self._data, self._moving, self._moving_data
+        crowd, callback, forget, met = self._crowd, self._callback, self._callback.init, self._result.isCollision
+        struck, found = self._struck, []
+        for q in Q:
+            place(model, data, bodies, placed, q)
+            update(False)
+            if struck:
+                forget()
+            collide(crowd, callback)
+            struck = met()
+            found.append(struck)
+        self._struck = struck
+        return found
 
     def _all_pairs(self) -> list[tuple[int, coal.CollisionObject, coal.CollisionObject]]:
         self._bodies = self.robot.geometry

@@ -1,14 +1,12 @@
 """Several configurations of a robot asked at once against a tree of obstacles.
 
 One query costs coal less than Python the calling of it. Copies of the moving bodies, placed together and held in one
-tree, make it one call for sixteen configurations (`reports/performance.md` has what that saves).
+tree, make it one call for many configurations (`reports/performance.md` has what that saves).
 """
 
 import coal
 import numpy as np
 import pinocchio as pin
-
-_COPIES = 16
 
 
 class Flock:
@@ -17,11 +15,12 @@ class Flock:
     Args:
         model: kinematics; every joint has one degree of freedom.
         bodies: those that move.
+        copies: how many. Many answer no faster, and what pinocchio keeps of a model grows with the cube of its joints.
     """
 
-    def __init__(self, model: pin.Model, bodies: pin.GeometryModel) -> None:
+    def __init__(self, model: pin.Model, bodies: pin.GeometryModel, copies: int) -> None:
         self._model, self._bodies = pin.Model(), pin.GeometryModel()
-        for copy in range(_COPIES):
+        for copy in range(copies):
             joints = {0: 0}
             for joint in range(1, model.njoints):
                 parent, place = joints[model.parents[joint]], model.jointPlacements[joint]
@@ -33,22 +32,26 @@ class Flock:
         self._data, self._placed = self._model.createData(), self._bodies.createData()
         self._manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(self._model, self._bodies, self._placed)
         self._tree = self._manager.getManager()
-        self._q = np.empty((_COPIES, model.nq))
-        self._flat = self._q.reshape(-1)  # the same memory
 
-    def collide(
+    def meet(
         self,
         Q: np.ndarray,
         obstacles: coal.DynamicAABBTreeCollisionManager,
         callback: coal.CollisionCallBackDefault,
-    ) -> bool:
-        """Tell whether the robot meets one of the obstacles at a row of Q (m, n); the callback must be fresh."""
-        for first in range(0, len(Q), _COPIES):
-            rows = Q[first : first + _COPIES]
-            self._q[: len(rows)], self._q[len(rows) :] = rows, rows[-1]
-            pin.updateGeometryPlacements(self._model, self._data, self._bodies, self._placed, self._flat)
-            self._manager.update(False)
-            self._tree.collide(obstacles, callback)
-            if callback.data.result.isCollision():
-                return True
-        return False
+    ) -> np.ndarray:
+        """Tell of sets of as many configurations as there are copies (e, m, n) whether one meets an obstacle (e,).
+
+        The callback must be fresh, and is left so.
+        """
+        place, update, collide = pin.updateGeometryPlacements, self._manager.update, self._tree.collide
+        model, data, bodies, placed = self._model, self._data, self._bodies, self._placed
+        forget, struck = callback.init, callback.data.result.isCollision
+        met = np.zeros(len(Q), bool)
+        for i, flat in enumerate(Q.reshape(len(Q), model.nq)):
+            place(model, data, bodies, placed, flat)
+            update(False)
+            collide(obstacles, callback)
+            if struck():
+                met[i] = True
+                forget()
+        return met

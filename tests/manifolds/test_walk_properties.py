@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from pipeline.errors import ConfigError
 from pipeline.manifolds import AdherenceParameters, AtlasParameters, ProjectionAdherence, Stop
@@ -15,13 +16,13 @@ from tests.robots.worlds import ball, ball_clearance, block, chain, on_sphere, s
 POLE, EQUATOR = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 
 
-def obstructed(seed: int, method: str, count: int = 12, high: float = 0.8):
+def obstructed(seed: int, method: str, count: int = 12, high: float = 0.8, **parameters):
     """A sphere with blocks and a bound on z: the space, its obstacles, and free points within the bounds."""
     rng = np.random.default_rng(seed)
     obstacles = blocks(rng, on_sphere(rng, count))
     points = on_sphere(rng, 120)
     points = points[(ball_clearance(obstacles, points) > MARGIN) & (points[:, 2] <= high)]
-    return sphere_space(method, obstacles, upper=(1.5, 1.5, high)), obstacles, points
+    return sphere_space(method, obstacles, upper=(1.5, 1.5, high), **parameters), obstacles, points
 
 
 def pairs_of(points: np.ndarray, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -85,22 +86,43 @@ def test_travel_only_changes_the_price(method):
     assert space.counted().collision_checks < 0.7 * plain.counted().collision_checks
 
 
-@pytest.mark.parametrize("count", [1, 8, 50])
+@pytest.mark.parametrize(
+    "count, step, resolution", [(1, 0.05, 0.01), (8, 0.05, 0.05), (50, 0.3, 0.3), (50, 0.05, 0.01)]
+)
 @pytest.mark.parametrize("method", METHODS)
-def test_screen_looks_at_sixteenths(method, count):
-    """An edge is refused exactly when a sixteenth point of its straight line, brought onto the sphere, collides."""
-    space, obstacles, points = obstructed(5, method)
-    ends = np.stack([np.stack(pair) for pair in pairwise(points)][:count])
+def test_screen_halves_the_straight_line(method, count, step, resolution):
+    """An edge is refused exactly when a point collides that halves its line to the resolution, or to sixteenths."""
+    space, obstacles, points = obstructed(5, method, step=step, resolution=resolution)
+    near = cKDTree(points).query(points, k=4)[1][:, 1:]
+    pairs = [(points[i], points[j]) for i, row in enumerate(near) for j in row] + list(pairwise(points))
+    ends = np.array(pairs[-count:] if count < 50 else pairs)
     sixteenths = ends[:, :1] + np.arange(1, 16)[:, None] / 16 * (ends[:, 1:] - ends[:, :1])
     sixteenths /= np.linalg.norm(sixteenths, axis=2, keepdims=True)
-    clearance = ball_clearance(obstacles, sixteenths.reshape(-1, 3)).reshape(-1, 15).min(axis=1)
+    clearance = ball_clearance(obstacles, sixteenths.reshape(-1, 3)).reshape(-1, 15)
+    straight, pieces = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), []
+    for i, long in enumerate(straight):
+        pieces.append(next((count for count in (2, 4, 8) if long / count <= resolution), 16))
+        clearance[i, [k - 1 for k in range(1, 16) if k % (16 // pieces[i])]] = np.inf
     verdicts, lengths = space.screen(ends[:, 0], ends[:, 1])
     assert verdicts.shape == lengths.shape == (len(ends),)
-    decided = np.abs(clearance - MARGIN) > 1e-3  # the tolerance of the projection
-    np.testing.assert_array_equal(verdicts[decided], (clearance > MARGIN)[decided])
+    decided = np.abs(clearance.min(axis=1) - MARGIN) > 1e-3  # the tolerance of the projection
+    np.testing.assert_array_equal(verdicts[decided], (clearance.min(axis=1) > MARGIN)[decided])
     assert count < 50 or 3 < verdicts.sum() < len(ends) - 3
+    assert resolution < 0.3 or {2, 4, 8} <= set(pieces)
     way = np.linalg.norm(np.diff(np.concatenate([ends[:, :1], sixteenths, ends[:, 1:]], axis=1), axis=1), axis=2)
-    np.testing.assert_allclose(lengths, way.sum(axis=1), atol=16 * 2e-3)
+    np.testing.assert_allclose(lengths, np.where(verdicts, way.sum(axis=1), np.inf), atol=16 * 2e-3)
+
+
+def test_screen_counts_what_it_projects():
+    """A middle for every edge, and all fifteen points of those whose middle is free."""
+    space, obstacles, points = obstructed(5, "projection")
+    ends = np.array(list(pairwise(points)))
+    middles = ends.mean(axis=1)
+    clearance = ball_clearance(obstacles, middles / np.linalg.norm(middles, axis=1, keepdims=True))
+    assert (np.abs(clearance - MARGIN) > 1e-3).all()
+    space.screen(ends[:, 0], ends[:, 1])
+    free = (clearance > MARGIN).sum()
+    assert space.counted().projections == len(ends) + 15 * free and 0 < free < len(ends)
 
 
 def test_screen_lets_pass_what_it_cannot_judge(monkeypatch):
