@@ -19,13 +19,14 @@ PARTS_NOTE = (
 PLANNING_NOTE = (
     "n problems with one seed each; every row plans a problem before the next one comes. Times are of all trials, "
     "failures included; ratios are OMPL's over ours on the same problems, that of medians with a paired bootstrap "
-    "interval. They compare planners that check at the same spacing: where ours checks more finely as it is, it plans "
-    "once more with OMPL's spacing, and the ratios against ours as it is stand beside. Success is claimed by the "
-    "planner and verified by `pipeline.evaluation.verify`, without margin; lengths are of verified paths. OMPL has the same "
-    "constraint, validity checker and time limit, charts with our epsilon, rho, alpha and exploration, and as many "
-    "samples for FMT; range and radius multiplier are its defaults, with which it takes 67 neighbours of 1000 samples "
-    "(it counts the ambient dimension) where ours takes 46. In its tangent bundle these charts give FMT only samples "
-    "near the start and the goal, so that it runs into the time limit where they are far apart."
+    "interval. They compare planners that check at the same spacing: where ours checks more finely as it is, it "
+    "plans once more with OMPL's spacing, and the ratios against ours as it is stand beside. Success is claimed "
+    "by the planner and verified by `pipeline.evaluation.verify`, without margin; lengths are of verified paths. "
+    "OMPL has the same constraint, validity checker and time limit, charts with our epsilon, rho, alpha and "
+    "exploration, and as many samples for FMT; range and radius multiplier are its defaults, with which it takes "
+    "67 neighbours of 1000 samples (it counts the ambient dimension) where ours takes 46. In its tangent bundle "
+    "these charts give FMT only samples near the start and the goal, so that it runs into the time limit where "
+    "they are far apart."
 )
 PARITY_NOTE = (
     "Lengths are medians over the problems that both solved, their difference with its paired bootstrap interval."
