@@ -12,11 +12,9 @@ from itertools import compress, pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence
-from pipeline.manifolds.base import length
 from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
 from pipeline.samplers.base import Sampler
 
@@ -24,7 +22,8 @@ _UNVISITED, _OPEN, _CLOSED = 0, 1, 2
 _START, _GOAL = 0, 1
 _BARREN = 100  # calls in a row without a free sample after which there is nothing to sample
 _SHIFT = 32  # an edge is one number: sets of them are asked faster than sets of pairs
-_TRIES = 5  # neighbours a late sample tries before it is left for the wave: most of the dear ones are blocked too
+_MOST_LATE = 4000  # samples that are added at a time, between two looks at the clock
+_TRIES = 5  # neighbours that a sample whose edge did not hold is hung onto, before its branch is taken back
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,7 @@ class FmtStar(Planner):
         from_goal: share that go from the goal towards the start; the others go from random free configurations towards
             the goal. Section V-E names start and random ones, section VII-A random ones; to go from both ends as
             Algorithm 7 does is ours.
+        late: classical samples that are added at a time when the front has died out, as a share of those there are.
         arrive: a chain of learned samples within this of where it goes begins again at a random free configuration
             [rad or m]: otherwise the batch ends up as clusters around goal and start.
     """
@@ -52,6 +52,7 @@ class FmtStar(Planner):
     group: float = 0.25
     from_start: float = 0.35
     from_goal: float = 0.35
+    late: float = 1.0
     arrive: float = 0.1
 
     def __post_init__(self) -> None:
@@ -64,6 +65,7 @@ class FmtStar(Planner):
             raise ConfigError(
                 f"planner.from_start is {self.from_start} and planner.from_goal {self.from_goal}; together at most 1"
             )
+        require("planner.late", self.late, at_least=0)
         require("planner.arrive", self.arrive, at_least=0)
 
     def _prepare(self, space: Adherence) -> None:
@@ -128,54 +130,41 @@ class FmtStar(Planner):
         return np.array(found).reshape(-1, space.dimension)
 
     def _sample_again(self, problem: Problem, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:
-        """Sample from random tree nodes towards the goal until a sample joins the tree (Algorithm 6)."""
-        K = sampler.batch
-        goals = np.repeat(problem.goal[None], K, axis=0)
+        """Sample from random tree nodes towards the goal until the tree has something to go on from (Algorithm 6)."""
         while not wave.alive and not clock.out_of_time():
-            tree = np.flatnonzero(wave.state[: wave.count] == _CLOSED)
-            current = wave.q[tree[sampler.rng.integers(len(tree), size=K)]]
-            drawn = sampler.sample(current, goals)
+            count = sampler.batch
+            if not sampler.informed:  # the whole manifold is sampled: many at once, and the front goes over them once
+                count = max(count, min(int(self.late * wave.count), _MOST_LATE))
+            tree = np.flatnonzero(wave.state == _CLOSED)
+            current = wave.q[tree[sampler.rng.integers(len(tree), size=count)]]
+            drawn = sampler.sample(current, np.repeat(problem.goal[None], count, axis=0))
             free = drawn[problem.adherence.validity.free_rows(drawn)]
             if len(free):
-                wave.join(free)
+                wave.extend(free)
             if clock.tick() is not None:
                 return
 
 
 class _Wave:
-    """The sets of FMT*: unvisited, open (the front) and closed samples, with their tree.
-
-    Neighbours stand in rows of equal width, filled up with -1: the last entry of `state` and `reach`, no sample,
-    answers for it.
-    """
+    """The sets of FMT*: unvisited, open (the front) and closed samples, with their tree."""
 
     def __init__(
         self, space: Adherence, batch: np.ndarray, radius_multiplier: float, heuristic: bool, group: float
     ) -> None:
         self.space = space
-        self.count = len(batch)
-        self.heuristic = heuristic
-        self.q = batch
-        d = space.constraint.manifold_dimension
-        # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, but d is the dimension of the manifold.
-        self.k = max(int(np.ceil((2 * radius_multiplier) ** d * (np.e / d) * np.log(self.count))), 1)
-        k = min(self.k + 1, self.count)
-        distances, neighbours = cKDTree(batch).query(batch, k=k)
-        space.counters.nearest_queries += self.count
-        self.neighbours = neighbours.reshape(self.count, -1)[:, 1:]
-        self.distances = distances.reshape(self.count, -1)[:, 1:]
-        self.degree = np.full(self.count, k - 1)
-        self.cost = np.full(self.count, np.inf)
-        self.state = np.full(self.count + 1, _UNVISITED, np.int8)
-        self.state[-1] = _CLOSED
-        self.reach = np.full(self.count + 1, np.inf)  # the cost of open samples
-        self.parent = np.full(self.count, -1)
+        self.radius_multiplier, self.heuristic, self.group = radius_multiplier, heuristic, group
         self.walks: dict[tuple[int, int], np.ndarray] = {}  # states of the edges that were walked and hold
         self.blocked: set[int] = set()  # edges, as parent << _SHIFT | sample
-        # The straight line to the goal; what stands for no sample is at it.
-        self.ahead = np.linalg.norm(np.append(batch, batch[_GOAL : _GOAL + 1], axis=0) - batch[_GOAL], axis=1)
-        self.width = group * float(np.median(self.distances[:, -1]))
+        self.q = np.empty((0, space.dimension))
+        self.cost, self.reach = np.empty(0), np.empty(0)  # reach: the cost of open samples
+        self.state, self.parent = np.empty(0, np.int8), np.empty(0, int)
+        self._append(batch)
         self.cost[_START], self.state[_START], self.reach[_START] = 0.0, _OPEN, 0.0
+
+    @property
+    def count(self) -> int:
+        """How many samples there are."""
+        return len(self.q)
 
     @property
     def alive(self) -> bool:
@@ -221,42 +210,31 @@ class _Wave:
         for edges in joined:
             self._hang(*edges)
 
-    def join(self, Q: np.ndarray) -> None:
-        """Add samples (m, n) and connect each to its cheapest reachable closed neighbour.
+    def extend(self, Q: np.ndarray) -> None:
+        """Add samples (m, n) and reopen the closed ones beside them: the front goes on from there."""
+        old = self.count
+        self._append(Q)
+        beside = (self.neighbours >= old).any(axis=1)
+        beside[self.neighbours[old:]] = True
+        again = np.flatnonzero(beside & (self.state == _CLOSED))
+        self.state[again], self.reach[again] = _OPEN, self.cost[again]
 
-        A sample knows those of the batch before it, but is not connected to them.
-        One without a closed neighbour is left out; one that can reach none of them stays unvisited.
-        """
-        distances = cdist(Q, self.q[: self.count])
-        self.space.counters.nearest_queries += len(Q)
-        near = self._nearest(distances)
-        beside = (self.state[near] == _CLOSED).any(axis=1)
-        if not beside.any():
-            return
-        Q, distances, near = Q[beside], distances[beside], near[beside]
-        if len(Q) > 1:
-            others = cdist(Q, Q)
-            others[np.triu_indices(len(Q))] = np.inf
-            distances = np.concatenate([distances, others], axis=1)
-            near = self._nearest(distances)
-        distances = np.take_along_axis(distances, near, axis=1)
-        samples = np.array([self._append(*row) for row in zip(Q, near, distances, strict=True)])
-        costs = np.where(self.state[near] == _CLOSED, self.cost[near] + distances, np.inf)
-        order = np.argsort(costs, axis=1, kind="stable")[:, :_TRIES]
-        parents, reachable = np.take_along_axis(near, order, axis=1), np.take_along_axis(costs, order, axis=1) < np.inf
-        for tries in (slice(0, 1), slice(1, _TRIES)):  # the cheapest first: it often holds
-            left = self.state[samples] == _UNVISITED
-            asked = reachable[left, tries]
-            above, below = parents[left, tries][asked], np.repeat(samples[left], asked.sum(axis=1))
-            holds, ways = self._connect(above, below)
-            below, first = np.unique(below[holds], return_index=True)
-            self._hang(above[holds][first], below, ways[holds][first])
-
-    def _nearest(self, distances: np.ndarray) -> np.ndarray:
-        """Return the columns of the k least entries in each row of distances (m, N)."""
-        if self.k >= distances.shape[1]:
-            return np.repeat(np.arange(distances.shape[1])[None], len(distances), axis=0)
-        return np.argpartition(distances, self.k, axis=1)[:, : self.k]
+    def _append(self, Q: np.ndarray) -> None:
+        """Add unvisited samples (m, n), and find the neighbours of all."""
+        new = len(Q)
+        self.q = np.concatenate([self.q, Q])
+        self.cost, self.reach = (np.append(values, np.full(new, np.inf)) for values in (self.cost, self.reach))
+        self.state = np.append(self.state, np.full(new, _UNVISITED, np.int8))
+        self.parent = np.append(self.parent, np.full(new, -1))
+        self.ahead = np.linalg.norm(self.q - self.q[_GOAL], axis=1)  # the straight line to the goal
+        d = self.space.constraint.manifold_dimension
+        # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, but d is the dimension of the manifold.
+        k = max(int(np.ceil((2 * self.radius_multiplier) ** d * (np.e / d) * np.log(self.count))), 1)
+        distances, neighbours = cKDTree(self.q).query(self.q, k=min(k + 1, self.count))
+        self.space.counters.nearest_queries += self.count
+        self.neighbours = neighbours.reshape(self.count, -1)[:, 1:]
+        self.distances = distances.reshape(self.count, -1)[:, 1:]
+        self.width = self.group * float(np.median(self.distances[:, -1]))
 
     def path(self) -> np.ndarray | None:
         """Walk along the tree to the goal; return the path if all of it holds, else mend the tree where it fails."""
@@ -305,51 +283,11 @@ class _Wave:
         self.parent[samples], self.cost[samples] = parents, costs
         self.state[samples], self.reach[samples] = _OPEN, costs
 
-    def _append(self, q: np.ndarray, near: np.ndarray, distances: np.ndarray) -> int:
-        x = self.count
-        known = distances < np.inf  # of a batch, a sample does not know those after it
-        near, distances = near[known], distances[known]
-        width = max(len(near), int(self.degree[near].max()) + 1)
-        if x == len(self.cost) or width > self.neighbours.shape[1]:
-            self._grow(2 * x if x == len(self.cost) else len(self.cost), width)
-        self.q[x], self.ahead[x] = q, length(q - self.q[_GOAL])
-        self.neighbours[x, : len(near)], self.distances[x, : len(near)] = near, distances
-        column = self.degree[near]
-        self.neighbours[near, column], self.distances[near, column] = x, distances
-        self.degree[near] += 1
-        self.degree[x] = len(near)
-        self.count += 1
-        return x
-
-    def _grow(self, rows: int, width: int) -> None:
-        """Make room for `rows` samples of `width` neighbours."""
-        old = len(self.cost)
-        shape = (rows, max(width + self.k, self.neighbours.shape[1]))
-        for name, empty in (("neighbours", -1), ("distances", np.inf)):
-            before = getattr(self, name)
-            table = np.full(shape, empty, before.dtype)
-            table[: len(before), : before.shape[1]] = before
-            setattr(self, name, table)
-        for name, empty, spare in (
-            ("q", 0.0, 0),
-            ("degree", 0, 0),
-            ("cost", np.inf, 0),
-            ("parent", -1, 0),
-            ("state", _UNVISITED, 1),
-            ("reach", np.inf, 1),
-            ("ahead", 0.0, 1),
-        ):
-            before = getattr(self, name)
-            longer = np.full((rows + spare, *before.shape[1:]), empty, before.dtype)
-            longer[:old] = before[:old]
-            setattr(self, name, longer)
-        self.state[-1] = _CLOSED
-
     def _rewire(self, x: int) -> bool:
         """Hang x, whose edge failed, and all below it onto its next best neighbour, by an edge walked at once."""
         lost = self._below(x)
         near = self.neighbours[x]
-        tree = near[(near >= 0) & (self.state[near] != _UNVISITED) & ~np.isin(near, lost)]
+        tree = near[(self.state[near] != _UNVISITED) & ~np.isin(near, lost)]
         order = tree[np.argsort(self.cost[tree] + np.linalg.norm(self.q[tree] - self.q[x], axis=1), kind="stable")]
         holds, ways = self._connect(order[:_TRIES], np.full(len(order[:_TRIES]), x))
         for y, way in zip(order[:_TRIES][holds].tolist(), ways[holds].tolist(), strict=True):
@@ -371,14 +309,14 @@ class _Wave:
         self.state[lost], self.reach[lost] = _UNVISITED, np.inf
         self.cost[lost], self.parent[lost] = np.inf, -1
         border = np.unique(self.neighbours[lost])
-        border = border[(border >= 0) & (self.state[border] == _CLOSED)]
+        border = border[self.state[border] == _CLOSED]
         self.state[border], self.reach[border] = _OPEN, self.cost[border]
 
     def _below(self, x: int) -> np.ndarray:
         """Return x and all samples whose way to the start passes through it, sorted (m,)."""
         found = np.array([x])
         while True:
-            grown = np.union1d(found, np.flatnonzero(np.isin(self.parent[: self.count], found)))
+            grown = np.union1d(found, np.flatnonzero(np.isin(self.parent, found)))
             if len(grown) == len(found):
                 return found
             found = grown

@@ -26,7 +26,7 @@ class CompnetxSampler(Sampler):
         n_ismp: calls answered by the network; the paper gives no number.
     """
 
-    informed = True
+    informed = True  # until the network has answered its last call
 
     def __init__(self, network: CompnetxNetwork, voxels: Mapping[str, np.ndarray], batch: int, n_ismp: int) -> None:
         require("sampler.batch", batch, at_least=1)
@@ -40,15 +40,17 @@ class CompnetxSampler(Sampler):
             raise ProblemError(f"CoMPNetX has no voxels of scene {scene!r}; it has {sorted(self.voxels)[:5]}")
         super().start(adherence, rng, scene)
         self.fallback.start(adherence, rng, scene)
-        self.calls = 0
+        self.calls, self.informed = 0, self.n_ismp > 0
         begin = time.perf_counter()
         self.network.encode(scene, self.voxels[scene])
         self.network_time = time.perf_counter() - begin  # [s]
 
     def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return up to K configurations on the manifold (m, n)."""
+        answers = self.informed
         self.calls += 1
-        if self.calls > self.n_ismp:
+        self.informed = self.calls < self.n_ismp
+        if not answers:
             found = self.fallback.sample(current, target)
             self.answered = self.fallback.answered
             self.counters.fallback_samples += len(found)

@@ -3,17 +3,22 @@
 import numpy as np
 import pytest
 
-from pipeline.planners.fmt import _CLOSED, _OPEN, _UNVISITED, _Wave
+from pipeline.planners.fmt import _CLOSED, _OPEN, _Wave
 from tests.manifolds.spaces import sphere_space
 from tests.robots.worlds import block, on_sphere
 
 
-def marched(space, points, wave, heuristic=False) -> tuple[dict[int, float], dict[int, int]]:
-    """Costs and parents by FMT*, as its paper has it, over the wave's neighbours: one sample after the other."""
+def marched(space, points, wave, heuristic=False, tree=None) -> tuple[dict, dict, set, int]:
+    """Costs and parents by FMT*, as its paper has it, over the wave's neighbours: one sample after the other.
+
+    A `tree` of its own (costs, parents and blocked edges, which grow) is gone on with from the samples beside new ones.
+    """
     ahead = np.linalg.norm(points - points[1], axis=1) if heuristic else np.zeros(len(points))
     near = [set(row.tolist()) for row in wave.neighbours]
-    cost, parent, reached, blocked = {0: 0.0}, {}, {0}, set()
-    front = {0}
+    cost, parent, blocked, old = tree or ({0: 0.0}, {}, set(), 0)
+    new = set(range(old, len(points)))
+    front = {z for z in cost if near[z] & new or any(z in near[x] for x in new)} if old else {0}
+    reached = set(cost)
     while front:
         z = min(front, key=lambda i: cost[i] + ahead[i])
         fresh = set()
@@ -27,7 +32,7 @@ def marched(space, points, wave, heuristic=False) -> tuple[dict[int, float], dic
                 blocked.add((y, x))
         reached |= fresh
         front = front - {z} | fresh
-    return cost, parent
+    return cost, parent, blocked, len(points)
 
 
 @pytest.mark.parametrize("heuristic", [False, True])
@@ -44,7 +49,7 @@ def test_tree_of_fmt(heuristic):
         trees[group] = wave
         assert (wave.state[:300] != _OPEN).all()
         assert (np.isfinite(wave.cost) == (wave.state[:300] == _CLOSED)).all()
-    cost, parent = marched(space, points, trees[0.0], heuristic)
+    cost, parent, _, _ = marched(space, points, trees[0.0], heuristic)
     assert 150 < len(cost) and len({y for y in parent.values()}) > 50
     assert {x: int(y) for x, y in enumerate(trees[0.0].parent) if y >= 0} == parent
     np.testing.assert_allclose([trees[0.0].cost[x] for x in cost], list(cost.values()))
@@ -55,73 +60,45 @@ def test_tree_of_fmt(heuristic):
         assert np.mean([wave.cost[x] / cost[x] for x in both if x]) < 1.02
 
 
-@pytest.mark.parametrize("size", [1, 7, 60])
-@pytest.mark.parametrize("begun", [3, 10, 40])
-def test_tables_grow_with_late_samples(begun, size):
-    """Every sample knows its k nearest at the time it came and all later ones it was nearest to, with distances, also
-    where there are fewer than k."""
-    rng = np.random.default_rng(0)
-    space = sphere_space("projection")
-    first, late = on_sphere(rng, begun), on_sphere(rng, 120)
-    wave = _Wave(space, first, 1.1, False, 0.25)
-    assert wave.k < begun or begun < 40
-    while wave.alive:
-        wave.advance()
-    closed = np.flatnonzero(wave.state[:begun] == _CLOSED)
-    known = {i: set(wave.neighbours[i].tolist()) for i in range(begun)}
-    for begin in range(0, len(late), size):
-        wave.join(late[begin : begin + size])
-    for x in range(begun, wave.count):
-        distances = np.linalg.norm(wave.q[:x] - wave.q[x], axis=1)
-        near = np.argsort(distances)[: wave.k].tolist()
-        known[x] = set(near)
-        for i in near:
-            known[i].add(x)
-    for i in range(wave.count):
-        row, gaps = wave.neighbours[i], wave.distances[i]
-        filled = row >= 0
-        assert set(row[filled].tolist()) == known[i]
-        np.testing.assert_allclose(gaps[filled], np.linalg.norm(wave.q[row[filled]] - wave.q[i], axis=1))
-        assert np.isinf(gaps[~filled]).all()
-    assert wave.state[-1] == _CLOSED
-    assert np.isinf(wave.reach[-1])
-    assert (wave.state[wave.count : -1] == _UNVISITED).all()
-    if begun == 40:  # dense enough that nobody is left out or out of reach
-        assert len(closed) == 40 and wave.count == 160
-        assert (wave.state[40:160] == _OPEN).all()
-    assert wave.count > begun + 20
-
-
-def test_late_samples_hang_from_the_cheapest_neighbour_they_reach():
-    """Among obstacles a late sample's parent is, of its cheapest closed neighbours, the first with a free edge."""
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize("heuristic", [False, True])
+def test_tree_goes_on_with_late_samples(heuristic):
+    """Late samples continue FMT* from the samples beside them, to the last edge, and leave the tree there was."""
+    rng = np.random.default_rng(7)
     space = sphere_space("projection", [block(p, (0.2, 0.2, 0.2)) for p in on_sphere(rng, 60)])
-    points = [q for q in on_sphere(rng, 900) if space.validity.free(q)]
-    wave = _Wave(space, np.array(points[:200]), 1.1, False, 0.25)
-    while wave.alive:
-        wave.advance()
-    closed, late = np.flatnonzero(wave.state[:200] == _CLOSED), np.array(points[200:])
-    wave.join(late)
-    tried, x = [0] * 6, 199
-    for q in late:
-        near = np.argsort(np.linalg.norm(wave.q[:200] - q, axis=1))[: wave.k]
-        if not np.isin(near, closed).any():
-            continue
-        x += 1
-        np.testing.assert_array_equal(wave.q[x], q)
-        near = wave.neighbours[x][: wave.k]
-        tree = near[np.isin(near, closed)]
-        gaps = np.linalg.norm(wave.q[tree] - q, axis=1)
-        order = tree[np.argsort(wave.cost[tree] + gaps, kind="stable")][:5]
-        free = [bool(space.screen(wave.q[y][None], q[None])[0][0]) for y in order]
-        if any(free):
-            assert wave.parent[x] == order[free.index(True)]
-            assert wave.cost[x] == pytest.approx(
-                wave.cost[wave.parent[x]] + space.screen(wave.q[wave.parent[x]][None], q[None])[1][0]
-            )
-            tried[free.index(True)] += 1
+    points = np.array([q for q in on_sphere(rng, 900) if space.validity.free(q)][:320])
+    wave, tree, counts = _Wave(space, points[:60], 1.1, heuristic, 0.0), None, []
+    for end in (60, 61, 120, 320):
+        if end > 60:
+            before = {x: int(y) for x, y in enumerate(wave.parent) if y >= 0}
+            assert not wave.alive
+            wave.extend(points[wave.count : end])
+        while wave.alive:
+            wave.advance()
+        tree = marched(space, points[:end], wave, heuristic, tree)
+        found = {x: int(y) for x, y in enumerate(wave.parent) if y >= 0}
+        assert found == tree[1]
+        np.testing.assert_allclose([wave.cost[x] for x in tree[0]], list(tree[0].values()))
+        assert end == 60 or before.items() <= found.items()
+        counts.append(len(found))
+    assert counts[0] < counts[2] < counts[3] and counts[3] > 150
+
+
+@pytest.mark.parametrize("sizes", [(3, 1, 1), (10, 7, 60), (40, 60, 1)])
+def test_everyone_knows_the_nearest_of_all(sizes):
+    """After every batch each sample knows its k nearest, with their distances, or all where there are fewer."""
+    rng = np.random.default_rng(0)
+    points, end = on_sphere(rng, sum(sizes)), 0
+    wave = None
+    for size in sizes:
+        end += size
+        if wave is None:
+            wave = _Wave(sphere_space("projection"), points[:end], 1.1, False, 0.25)
         else:
-            assert wave.state[x] == _UNVISITED and wave.parent[x] == -1
-            tried[5] += 1
-    assert x == wave.count - 1
-    assert tried[0] > 20 and sum(tried[1:5]) > 20 and tried[5] > 20
+            wave.extend(points[end - size : end])
+        k = min(int(np.ceil(2.2**2 * np.e / 2 * np.log(end))), end - 1)
+        gaps = np.linalg.norm(points[:end, None] - points[None, :end], axis=2)
+        np.fill_diagonal(gaps, np.inf)
+        assert wave.neighbours.shape == wave.distances.shape == (end, k)
+        np.testing.assert_allclose(np.sort(wave.distances, axis=1), np.sort(gaps, axis=1)[:, :k])
+        np.testing.assert_allclose(np.take_along_axis(gaps, wave.neighbours, axis=1), wave.distances)
+        np.testing.assert_array_equal(wave.q, points[:end])

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pipeline.planners import FmtStar, PlanStatus, Problem, Rrt, RrtConnect, Termination, path_length
+from pipeline.planners.fmt import _Wave
 from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import METHODS, sphere_space
 from tests.planners.scenes import (
@@ -194,6 +195,29 @@ def test_informed_samplers_are_asked_from_the_tree(planner):
         np.testing.assert_array_equal(targets, [s.goal] * 10 + [s.start] * 6)
     else:
         assert at_start == [True]
+
+
+@pytest.mark.parametrize("informed", [False, True])
+def test_classical_late_samples_come_many_at_a_time(informed, monkeypatch):
+    """A dead front gets K samples from who knows where to look, and a share of what there is from who does not."""
+    monkeypatch.setattr("pipeline.planners.fmt._MOST_LATE", 25)
+    s, sampler = SOLVABLE[2], Recorder(batch=16)
+    sampler.informed = informed
+    space, counts, given = space_of("projection", s), [], []
+    extend = _Wave.extend
+
+    def counting(wave, Q):
+        counts.append(wave.count)
+        given.append(len(Q))
+        extend(wave, Q)
+
+    monkeypatch.setattr(_Wave, "extend", counting)
+    planner = FmtStar(samples=5, radius_multiplier=0.4, late=1.5)
+    assert planner.plan(Problem(space, s.start, s.goal), sampler, Termination(max_iterations=3000), 0).solved
+    asked = [len(current) for current, _ in sampler.asked][-len(counts) :]
+    assert len(counts) > 1 and given == np.diff([*counts, counts[-1] + given[-1]]).tolist()
+    assert asked == [16 if informed else max(16, min(int(1.5 * count), 25)) for count in counts]
+    assert informed or asked[-1] == 25
 
 
 class Stepper(Recorder):

@@ -82,6 +82,7 @@ def test_termination_values(name, value):
         *[(FmtStar, name, value) for name in ("from_start", "from_goal") for value in (-0.1, 1.1, np.nan)],
         *[(FmtStar, "group", value) for value in (-0.1, np.nan)],
         (FmtStar, "arrive", -1.0),
+        (FmtStar, "late", -0.5),
     ],
 )
 def test_planner_parameters(kind, name, value):
