@@ -14,7 +14,8 @@ class Sampler(ABC):
         batch: K, how many configurations a batch planner should ask for at a time.
         lands: whether proposals are on the manifold, as `sample` says; where not, a planner may only walk towards them.
         answered: of the last call, which rows of `current` and `target` its samples belong to (m,).
-        informed: whether proposals depend on `current` and `target`; a planner need not select them otherwise.
+        informed: whether proposals depend on `current` and `target`, which may end; otherwise a planner need not select
+            them, and may ask for more than K.
     """
 
     batch: int = 1
