@@ -190,7 +190,9 @@ class Constraint:
         J = self.jacobian(q)
         if not math.isfinite(J.sum()):
             raise ConstraintError(f"constraint {self.name!r} has no finite Jacobian at q = {on_one_line(q)}")
-        U, singular, V, _ = lapack.dgesdd(J)  # what numpy calls, at a third of the price
+        U, singular, V, failed = lapack.dgesdd(J)  # what numpy calls, without what it wraps around
+        if failed:
+            raise np.linalg.LinAlgError("SVD did not converge")
         least = _RANK_TOLERANCE * max(singular[0], 1.0)
         if not singular[-1] > least:
             kept = singular > least

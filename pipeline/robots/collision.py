@@ -138,7 +138,7 @@ class Validity:
         if self._crowd is None:
             return np.array([self.free(q) for q in Q], bool)
         self.checks += len(Q)
-        free = ~np.array(self._strike(Q), bool)
+        free = ~np.array(self._struck_rows(Q), bool)
         if self.conditions or self._pairs is not None:
             free[free] = [self._free_beside_crowd(q) for q in Q[free]]
         return free
@@ -275,7 +275,7 @@ class Validity:
         self._struck = self._result.isCollision()
         return self._struck
 
-    def _strike(self, Q: np.ndarray) -> list[bool]:
+    def _struck_rows(self, Q: np.ndarray) -> list[bool]:
         """Tell for rows of Q (m, n) whether a body meets the crowd; nothing is looked up twice."""
         place, update, collide = pin.updateGeometryPlacements, self._moving_manager.update, self._moving_tree.collide
         model, data, bodies, placed = self._model, self._data, self._moving, self._moving_data
