@@ -22,7 +22,7 @@ _UNVISITED, _OPEN, _CLOSED = 0, 1, 2
 _START, _GOAL = 0, 1
 _BARREN = 100  # calls in a row without a free sample after which there is nothing to sample
 _SHIFT = 32  # an edge is one number: sets of them are asked faster than sets of pairs
-_MOST_LATE = 4000  # samples that are added at a time, between two looks at the clock
+_MOST_LATE = 200_000  # neighbours of samples added at a time, between two looks at the clock: in 2 dimensions of 4000
 _TRIES = 5  # neighbours that a sample whose edge did not hold is hung onto, before its branch is taken back
 
 
@@ -134,7 +134,7 @@ class FmtStar(Planner):
         while not wave.alive and not clock.out_of_time():
             count = sampler.batch
             if not sampler.informed:  # the whole manifold is sampled: many at once, and the front goes over them once
-                count = max(count, min(int(self.late * wave.count), _MOST_LATE))
+                count = max(count, min(int(self.late * wave.count), _MOST_LATE // wave.neighbours.shape[1]))
             tree = np.flatnonzero(wave.state == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=count)]]
             drawn = sampler.sample(current, np.repeat(problem.goal[None], count, axis=0))

@@ -200,14 +200,15 @@ def test_informed_samplers_are_asked_from_the_tree(planner):
 @pytest.mark.parametrize("informed", [False, True])
 def test_classical_late_samples_come_many_at_a_time(informed, monkeypatch):
     """A dead front gets K samples from who knows where to look, and a share of what there is from who does not."""
-    monkeypatch.setattr("pipeline.planners.fmt._MOST_LATE", 25)
+    monkeypatch.setattr("pipeline.planners.fmt._MOST_LATE", 60)
     s, sampler = SOLVABLE[2], Recorder(batch=16)
     sampler.informed = informed
-    space, counts, given = space_of("projection", s), [], []
+    space, counts, widths, given = space_of("projection", s), [], [], []
     extend = _Wave.extend
 
     def counting(wave, Q):
         counts.append(wave.count)
+        widths.append(wave.neighbours.shape[1])
         given.append(len(Q))
         extend(wave, Q)
 
@@ -216,8 +217,9 @@ def test_classical_late_samples_come_many_at_a_time(informed, monkeypatch):
     assert planner.plan(Problem(space, s.start, s.goal), sampler, Termination(max_iterations=3000), 0).solved
     asked = [len(current) for current, _ in sampler.asked][-len(counts) :]
     assert len(counts) > 1 and given == np.diff([*counts, counts[-1] + given[-1]]).tolist()
-    assert asked == [16 if informed else max(16, min(int(1.5 * count), 25)) for count in counts]
-    assert informed or asked[-1] == 25
+    most = [min(int(1.5 * count), 60 // width) for count, width in zip(counts, widths, strict=True)]
+    assert asked == [16 if informed else max(16, share) for share in most]
+    assert informed or 16 < asked[-1] < int(1.5 * counts[-1])
 
 
 class Stepper(Recorder):
