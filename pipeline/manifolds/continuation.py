@@ -10,8 +10,10 @@ from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
-_SAMPLE_BLOCK = 32  # samples drawn and lifted together, before the atlas grows over the first of them
-_SAMPLE_GROWTH = 4  # samples of a block that get a chart: enough to spread, finding charts for all costs most of a plan
+_SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over the first of them
+_SAMPLE_GROWTH = (
+    8  # of how many samples one gets a chart: enough to spread, finding charts for all costs most of a plan
+)
 _SAMPLE_ROUNDS = 50  # blocks in a row that may fail before sampling gives up
 
 
@@ -135,7 +137,7 @@ class ContinuationAdherence(Adherence):
             lengths = radius * rng.random((size, 1)) ** (1.0 / d)
             Q, lifted = self._lift(charts, directions * (lengths / np.linalg.norm(directions, axis=1, keepdims=True)))
             Q = Q[lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)]
-            for q in Q[:_SAMPLE_GROWTH]:
+            for q in Q[: max(_SAMPLE_GROWTH, size // 8)]:
                 self._chart_at(q)
             found = np.concatenate([found, Q])
             if len(found) >= count:

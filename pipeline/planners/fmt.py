@@ -23,6 +23,8 @@ _START, _GOAL = 0, 1
 _BARREN = 100  # calls in a row without a free sample after which there is nothing to sample
 _SHIFT = 32  # an edge is one number: sets of them are asked faster than sets of pairs
 _MOST_LATE = 200_000  # neighbours of samples added at a time, between two looks at the clock: in 2 dimensions of 4000
+_MOST_FIRST = 1024  # classical samples of the first batch that are drawn at a time, between two looks at the clock
+_ALONG = 4  # edges that are asked for a sample at once: most fail, and further ones cost less than further calls
 _TRIES = 5  # neighbours that a sample whose edge did not hold is hung onto, before its branch is taken back
 
 
@@ -104,6 +106,9 @@ class FmtStar(Planner):
             current[first : first + len(spread)] = spread
         barren = 0
         while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
+            if not sampler.informed:  # the whole manifold is sampled: all that are missing at once, where most are free
+                count = max(K, min(3 * (self.samples - len(found)) // 2, _MOST_FIRST))
+                current = targets = np.repeat([problem.goal], count, axis=0)
             proposals = sampler.sample(current, targets)
             free = space.validity.free_rows(proposals)
             barren = 0 if free.any() else barren + 1
@@ -186,29 +191,50 @@ class _Wave:
         asker = np.full(len(keys), -1)
         asker[found] = group[rows]
         waiting = np.flatnonzero(asker >= 0)
-        joined: list[tuple[np.ndarray, ...]] = []
-        if len(waiting):
-            others = self.neighbours[waiting]  # (m, width)
-            costs, places = self.reach[others] + self.distances[waiting], keys[others]
-            left = np.arange(len(waiting))
-            best = costs.argmin(axis=1)
-            # Being among another's neighbours does not mean to have it among one's own.
-            parents = np.where(costs[left, best] < np.inf, others[left, best], asker[waiting])
-            leaving = np.zeros(len(keys), bool)
-            leaving[group] = True
-            while len(left):
-                holds, ways = self._connect(parents[left], waiting[left])
-                there = left[holds]
-                joined.append((parents[there], waiting[there], ways[holds]))
-                left = left[~holds]
+        joined = self._join(group, waiting, asker[waiting], keys) if len(waiting) else []
+        self.state[group], self.reach[group] = _CLOSED, np.inf
+        for edges in joined:
+            self._hang(*edges)
+
+    def _join(
+        self, group: np.ndarray, waiting: np.ndarray, askers: np.ndarray, keys: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Return the edges by which waiting samples join the tree: parents, samples and lengths (m,), in parts.
+
+        Args:
+            group: samples that leave the front.
+            waiting: unvisited samples (m,) with at least one of them for a neighbour.
+            askers: the cheapest of those (m,).
+            keys: by which the front is ordered, of all samples.
+        """
+        others = self.neighbours[waiting]  # (m, width)
+        costs, places = self.reach[others] + self.distances[waiting], keys[others]
+        left = np.arange(len(waiting))
+        best = costs.argmin(axis=1)
+        # Being among another's neighbours does not mean to have it among one's own.
+        parents = np.where(costs[left, best] < np.inf, others[left, best], askers)
+        leaving = np.zeros(self.count, bool)
+        leaving[group] = True
+        joined = []
+        while len(left):
+            tried, owners = [], []  # edges, and the rows of those they are for
+            for _ in range(_ALONG):
+                tried.append(parents[left])
+                owners.append(left)
                 left = left[leaving[parents[left]]]
                 costs[left] = np.where(places[left] > keys[parents[left], None], costs[left], np.inf)
                 best = costs[left].argmin(axis=1)
                 parents[left] = others[left, best]
                 left = left[leaving[parents[left]] & (costs[left, best] < np.inf)]
-        self.state[group], self.reach[group] = _CLOSED, np.inf
-        for edges in joined:
-            self._hang(*edges)
+            asked, owner = np.concatenate(tried), np.concatenate(owners)
+            holds, ways = self._connect(asked, waiting[owner])
+            edge = np.full(len(waiting), -1)
+            held = np.flatnonzero(holds)[::-1]  # the first of an owner comes last, and stays
+            edge[owner[held]] = held
+            found = edge[edge >= 0]
+            joined.append((asked[found], waiting[owner[found]], ways[found]))
+            left = left[edge[left] < 0]
+        return joined
 
     def extend(self, Q: np.ndarray) -> None:
         """Add samples (m, n) and reopen the closed ones beside them: the front goes on from there."""

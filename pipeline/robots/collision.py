@@ -85,7 +85,6 @@ class Validity:
         self._pairs = self._list(self._listed)
         self._crowded = crowd
         self._crowd = self._tree(crowd, margin) if crowd else None
-        self._struck = False  # whether the last query met the crowd, so that the callback must forget it first
         self._distances: list[tuple[int, coal.CollisionObject, coal.CollisionObject]] | None = None
 
     def widened(self, reserve: float) -> "Validity":
@@ -148,10 +147,7 @@ class Validity:
         if self._crowd is None or Q.shape[1] > _FLOCK:
             return np.array([all(self.free(q) for q in rows) for rows in Q], bool)
         self.checks += Q.shape[0] * Q.shape[1]
-        if self._struck:
-            self._callback.init()
         free = ~self._flock(Q.shape[1]).meet(Q, self._crowd, self._callback)
-        self._struck = False
         if self.conditions or self._pairs is not None:
             free[free] = [all(self._free_beside_crowd(q) for q in rows) for rows in Q[free]]
         return free
@@ -269,27 +265,20 @@ class Validity:
         """Tell whether a body meets the crowd at q (n,)."""
         pin.updateGeometryPlacements(self._model, self._data, self._moving, self._moving_data, q)
         self._moving_manager.update(False)
-        if self._struck:
-            self._callback.init()
-        self._moving_tree.collide(self._crowd, self._callback)
-        self._struck = self._result.isCollision()
-        return self._struck
+        self._moving_tree.collide(self._crowd, self._callback)  # forgets what it met before
+        return bool(self._result.isCollision())
 
     def _struck_rows(self, Q: np.ndarray) -> list[bool]:
         """Tell for rows of Q (m, n) whether a body meets the crowd; nothing is looked up twice."""
         place, update, collide = pin.updateGeometryPlacements, self._moving_manager.update, self._moving_tree.collide
         model, data, bodies, placed = self._model, self._data, self._moving, self._moving_data
-        crowd, callback, forget, met = self._crowd, self._callback, self._callback.init, self._result.isCollision
-        struck, found = self._struck, []
+        crowd, callback, met = self._crowd, self._callback, self._result.isCollision
+        found = []
         for q in Q:
             place(model, data, bodies, placed, q)
             update(False)
-            if struck:
-                forget()
             collide(crowd, callback)
-            struck = met()
-            found.append(struck)
-        self._struck = struck
+            found.append(met())
         return found
 
     def _all_pairs(self) -> list[tuple[int, coal.CollisionObject, coal.CollisionObject]]:

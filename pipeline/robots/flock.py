@@ -39,19 +39,14 @@ class Flock:
         obstacles: coal.DynamicAABBTreeCollisionManager,
         callback: coal.CollisionCallBackDefault,
     ) -> np.ndarray:
-        """Tell of sets of as many configurations as there are copies (e, m, n) whether one meets an obstacle (e,).
-
-        The callback must be fresh, and is left so.
-        """
+        """Tell of sets of as many configurations as there are copies (e, m, n) whether one meets an obstacle (e,)."""
         place, update, collide = pin.updateGeometryPlacements, self._manager.update, self._tree.collide
         model, data, bodies, placed = self._model, self._data, self._bodies, self._placed
-        forget, struck = callback.init, callback.data.result.isCollision
-        met = np.zeros(len(Q), bool)
-        for i, flat in enumerate(Q.reshape(len(Q), model.nq)):
+        struck = callback.data.result.isCollision
+        met = []
+        for flat in Q.reshape(len(Q), model.nq):
             place(model, data, bodies, placed, flat)
             update(False)
-            collide(obstacles, callback)
-            if struck():
-                met[i] = True
-                forget()
-        return met
+            collide(obstacles, callback)  # forgets what it met before
+            met.append(struck())
+        return np.array(met, bool)

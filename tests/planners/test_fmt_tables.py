@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.planners import fmt
 from pipeline.planners.fmt import _CLOSED, _OPEN, _Wave
 from tests.manifolds.spaces import sphere_space
 from tests.robots.worlds import block, on_sphere
@@ -58,6 +59,27 @@ def test_tree_of_fmt(heuristic):
         both = [x for x in cost if np.isfinite(wave.cost[x])]
         assert len(both) > 0.98 * len(cost)
         assert np.mean([wave.cost[x] / cost[x] for x in both if x]) < 1.02
+
+
+def test_edges_asked_along_leave_the_tree_as_it_is(monkeypatch):
+    """However many edges of a sample are asked at once, it joins by the first that holds."""
+    rng = np.random.default_rng(9)
+    space = sphere_space("projection", [block(p, (0.2, 0.2, 0.2)) for p in on_sphere(rng, 60)])
+    points = np.array([q for q in on_sphere(rng, 900) if space.validity.free(q)][:300])
+    parents, calls = [], []
+    for along in (1, 2, 4):
+        monkeypatch.setattr(fmt, "_ALONG", along)
+        wave, connect, asked = _Wave(space, points, 1.1, False, 0.5), _Wave._connect, []
+        monkeypatch.setattr(
+            _Wave, "_connect", lambda self, y, x, c=connect, n=asked: (n.append(len(x)), c(self, y, x))[1]
+        )
+        while wave.alive:
+            wave.advance()
+        monkeypatch.setattr(_Wave, "_connect", connect)
+        parents.append(wave.parent.tolist())
+        calls.append(len(asked))
+    assert parents[0] == parents[1] == parents[2] and sum(y >= 0 for y in parents[0]) > 150
+    assert calls[0] > calls[1] > calls[2]
 
 
 @pytest.mark.parametrize("heuristic", [False, True])

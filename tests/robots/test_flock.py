@@ -29,10 +29,13 @@ def test_a_batch_is_free_where_all_of_it_is_in_closed_form(count, margin):
 
 
 def test_batches_and_single_ones_do_not_disturb_each_other():
-    """Asked in turn, by one checker, batches and single configurations keep their verdicts."""
+    """Asked in turn, by one checker, batches and single configurations keep their verdicts; so far outside of all."""
     rng = np.random.default_rng(5)
     obstacles = random_obstacles(rng, 80)
     validity = Validity(ball(), obstacles, 0.01)
+    inside, outside = np.array(obstacles[0].position), np.full(3, 50.0)
+    for ask in (validity.free, lambda q: validity.free_rows(q[None])[0], lambda q: validity.all_free(q[None, None])[0]):
+        assert [bool(ask(q)) for q in (inside, outside, inside, inside, outside)] == [False, True, False, False, True]
     for _ in range(300):
         Q = rng.uniform(-1, 1, (rng.integers(1, 4), 3))
         one_by_one = [Validity.free(validity, q) for q in Q]
