@@ -11,9 +11,7 @@ from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code, leng
 from pipeline.robots import Validity
 
 _SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over the first of them
-_SAMPLE_GROWTH = (
-    8  # of how many samples one gets a chart: enough to spread, finding charts for all costs most of a plan
-)
+_SAMPLE_GROWTH = 4  # samples of a block that get a chart, or an eighth: enough to spread, more cost most of a plan
 _SAMPLE_ROUNDS = 50  # blocks in a row that may fail before sampling gives up
 
 
