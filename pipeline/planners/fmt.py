@@ -226,6 +226,8 @@ class _Wave:
                 best = costs[left].argmin(axis=1)
                 parents[left] = others[left, best]
                 left = left[leaving[parents[left]] & (costs[left, best] < np.inf)]
+                if not len(left):
+                    break
             asked, owner = np.concatenate(tried), np.concatenate(owners)
             holds, ways = self._connect(asked, waiting[owner])
             edge = np.full(len(waiting), -1)
