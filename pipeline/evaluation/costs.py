@@ -19,7 +19,7 @@ from pipeline.environments.oracle import Oracle, demonstrate, shards
 from pipeline.errors import require
 from pipeline.evaluation.statistics import summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
-from pipeline.learning import CompnetxNetwork, Model
+from pipeline.learning import CompnetxNetwork, Model, Products
 from pipeline.manifolds import Adherence, Traversal, make_adherence
 from pipeline.manifolds.screening import POINTS
 from pipeline.parallel import run_shards
@@ -224,7 +224,7 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
 
 def _network(place: Workplace, model: Model, voxels: np.ndarray, rng: np.random.Generator) -> Iterator[_Part]:
     robot, keys = place.environment.robot(), itertools.count()
-    network, plain = CompnetxNetwork(model), CompnetxNetwork(model, tiles=False)
+    network, plain = CompnetxNetwork(model), CompnetxNetwork(model, Products.SINGLE)
     plain.encode(0, voxels)
     # A new key every time: a scene that is known already costs nothing.
     yield "scene encoding", "scene", times_us(lambda _: network.encode(next(keys), voxels), range(place.parts.calls))

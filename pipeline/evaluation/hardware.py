@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.constraints.native import find_compiler
-from pipeline.learning.inference import has_tiles
+from pipeline.learning.inference import fastest_products
 
 _PEERS = ("roboplan",)  # named where they are installed
 PACKAGES = ("ompl", "pin", "coal", "casadi", "torch", "numpy", "scipy", "lightning", "hydra-core", "dvc")
@@ -21,9 +21,7 @@ def hardware() -> dict[str, Any]:
         "commit": _commit(),
         "cpu": _first(Path("/proc/cpuinfo"), "model name") or platform.processor() or "unknown",
         "cores": len(os.sched_getaffinity(0)),
-        "tiles": "networks multiply batches in bfloat16"
-        if has_tiles()
-        else "none: networks compute in single precision",
+        "networks": f"multiply batches in {fastest_products().value}",
         "compiler": _compiler(),
         "memory": _first(Path("/proc/meminfo"), "MemTotal") or "unknown",
         "platform": platform.platform(),

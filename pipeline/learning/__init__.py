@@ -4,7 +4,7 @@ Training is imported from `pipeline.learning.training`, so that planning does no
 """
 
 from pipeline.learning.batches import TrainingData
-from pipeline.learning.inference import CompnetxNetwork
+from pipeline.learning.inference import CompnetxNetwork, Products
 from pipeline.learning.model import Model, Normalisation, load_model, save_model
 from pipeline.learning.networks import NetworkParameters
 from pipeline.learning.pairs import Pairs, demonstration_pairs, split_by_scene
@@ -15,6 +15,7 @@ __all__ = [
     "NetworkParameters",
     "Normalisation",
     "Pairs",
+    "Products",
     "TrainingData",
     "demonstration_pairs",
     "load_model",

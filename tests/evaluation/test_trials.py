@@ -296,5 +296,5 @@ def test_machine_is_named():
     found = hardware()
     assert found["cores"] >= 1 and found["cpu"] not in ("", "unknown") and found["memory"].endswith("kB")
     assert found["packages"]["torch"] == version("torch") and found["packages"]["ompl"] == version("ompl")
-    assert found["compiler"] and found["tiles"]
+    assert found["compiler"] and found["networks"]
     assert set(found["packages"]) >= {"pin", "coal", "casadi", "numpy", "scipy"}

@@ -11,7 +11,7 @@ from small_training import LIMITS
 from pipeline.errors import ArtifactError, ProblemError
 from pipeline.learning import CompnetxNetwork, Model, NetworkParameters
 from pipeline.learning.dropout import draw_masks
-from pipeline.learning.inference import has_tiles
+from pipeline.learning.inference import Products, _Bytes, _Tiles, fastest_products
 from pipeline.learning.networks import Compnetx
 
 VOXELS = np.random.default_rng(0).random((40, 40, 40)) < 0.1
@@ -38,7 +38,7 @@ def by_torch(model: Model, voxels: np.ndarray, current, target, masks, task=None
 def test_as_torch(model, count, centre):
     """With the same masks, numpy's folded layers answer what torch's layers do, to single precision."""
     model = replace(model, normalisation=replace(LIMITS, centre=centre))
-    network = CompnetxNetwork(model, tiles=False)
+    network = CompnetxNetwork(model, Products.SINGLE)
     network.encode("scene", VOXELS)
     current, target = ask(count)
     masks = draw_masks(np.random.default_rng(2), count, model.parameters.dropout_units, 0.5)
@@ -48,21 +48,38 @@ def test_as_torch(model, count, centre):
     np.testing.assert_allclose(found, by_torch(model, VOXELS, current, target, masks), atol=2e-6)
 
 
-def test_tiles(model):
-    """Products of batches in bfloat16 stay within a hundredth of what torch says in double precision; a few rows do not
-    go that way."""
-    tiled, plain = CompnetxNetwork(model, tiles=True), CompnetxNetwork(model, tiles=False)
-    for network in (tiled, plain):
+@pytest.mark.parametrize("products", [Products.TILES, Products.BYTES])
+def test_narrow_products(model, products):
+    """Batches in bfloat16 or bytes stay near what torch says in double precision; a few rows do not go that way."""
+    narrow, plain = CompnetxNetwork(model, products), CompnetxNetwork(model, Products.SINGLE)
+    for network in (narrow, plain):
         network.encode("scene", VOXELS)
     apart = []
     for count in (1, 7, 8, 100):
         current, target = ask(count)
         masks = draw_masks(np.random.default_rng(2), count, model.parameters.dropout_units, 0.5)
-        found = tiled.evaluate("scene", current, target, masks)
+        found = narrow.evaluate("scene", current, target, masks)
         np.testing.assert_allclose(found, by_torch(model, VOXELS, current, target, masks), atol=0.01)
         apart.append(np.abs(found - plain.evaluate("scene", current, target, masks)).max())
     assert apart[:2] == [0, 0] and min(apart[2:]) > 1e-6
-    assert isinstance(has_tiles(), bool)
+    assert fastest_products() in Products
+    copy = pickle.loads(pickle.dumps(narrow))
+    np.testing.assert_array_equal(copy.evaluate("scene", current, target, masks), found)
+
+
+@pytest.mark.parametrize("narrow, atol", [(_Tiles, 2**-8), (_Bytes, 1 / 127)])
+@pytest.mark.parametrize("inputs", ["both signs", "negative", "zero"])
+def test_narrow_layers(narrow, atol, inputs):
+    """A product errs by the rounding of its factors alone, whatever their sign and scale, zero included."""
+    rng = np.random.default_rng(3)
+    x, weight = rng.normal(size=(9, 64)), rng.normal(size=(64, 32)) * np.logspace(-3, 2, 32)
+    x = {"both signs": x, "negative": -5.0 * np.abs(x), "zero": 0.0 * x}[inputs].astype(np.float32)
+    weight[:, 0] = 0.0
+    weight = weight.astype(np.float32)
+    exact, largest = x.astype(float) @ weight, np.abs(x).max() * np.abs(weight).max(axis=0)
+    apart = np.abs(narrow(weight)(x) - exact)
+    assert (apart <= 64 * atol * largest).all()
+    assert (apart.mean(axis=0) <= 8 * atol * largest).all()  # roundings are as often up as down
 
 
 def test_task(model):
