@@ -42,11 +42,12 @@ class Bench:
     oracle: Oracle
     demonstrations: int
     shard: int
+    rounds: int
     goals: Goals
     output: Path | None
 
     def __post_init__(self) -> None:
-        for name in ("scenes", "demonstrations"):
+        for name in ("scenes", "demonstrations", "rounds"):
             require(name, getattr(self, name), at_least=1)
         if set(self.goals.planners) != set(self.contest.labels):
             raise ConfigError(f"goals.planners has {list(self.goals.planners)}; expected {self.contest.labels}")
@@ -95,7 +96,8 @@ def measure(bench: Bench) -> Measured:
     with single_threaded():
         parts = parts_table(place, model, voxels)
         trials = contest_trials(contest, environment, scenes, problems)
-    scaling = scaling_table(bench.oracle, environment, scenes, problems.iloc[: bench.demonstrations], bench.shard)
+    demonstrations = problems.iloc[: bench.demonstrations]
+    scaling = scaling_table(bench.oracle, environment, scenes, demonstrations, bench.shard, bench.rounds)
     planning = planning_table(trials)
     return Measured(
         place=f"{len(scenes)} validation scenes of {environment.name}, {environment.blocks} blocks each",

@@ -30,7 +30,10 @@ from pipeline.schema import Choice
 
 log = logging.getLogger(__name__)
 PARTS = ("part", "per", "n", "median [us]", "p95 [us]")
-SCALING = ("workers", "demonstrations", "start [s]", "work [s]", "speed-up", "speed-up without start", "same paths")
+SCALING = (
+    "workers", "demonstrations", "start [s]", "work [s]", "speed-up", "speed-up without start",
+    "in rounds: least", "in rounds: most", "same paths",
+)  # fmt: skip
 _WARM_UP = 10  # calls that are not counted
 _LEARNED = 100  # rows of a call by FMT*, see conf/sampler/compnetx_batch.yaml
 _BATCH = 32  # rows of a batch, of projections and network samples alike: a block of the uniform sampler
@@ -121,30 +124,49 @@ def scaling_table(
     scenes: dict[str, Scene],
     problems: pd.DataFrame,
     shard: int,
+    rounds: int,
     workers: Sequence[int] = (1, 2),
 ) -> pd.DataFrame:
     """Return the columns SCALING: the same shards of demonstrations with each number of worker processes.
 
-    The start of the processes counts in one speed-up and not in the other: the longer the work, the nearer they are.
-    Both are over the first number of workers. The same paths: as with the first number, bit by bit.
+    The shards are cut into rounds, and all numbers of workers do a round, in turn, before the next one comes: a machine
+    that grows faster or slower meanwhile does so for all. The start of the processes counts in one speed-up and not in
+    the other: the longer the work, the nearer they are. All are over the first number of workers, those in rounds of
+    single rounds, without start. The same paths: as with the first number, bit by bit.
     """
     work, items = partial(demonstrate, oracle, environment, scenes), list(shards(problems, shard))
-    rows: list[tuple[int, int, float, float, float, float, bool]] = []
-    first: list[bytes] = []
-    for count in workers:
-        with tempfile.TemporaryDirectory() as scratch:
-            begin = time.perf_counter()
+    starts, works = np.zeros(len(workers)), np.zeros((min(rounds, len(items)), len(workers)))
+    paths: list[list[bytes]] = [[] for _ in workers]
+    with tempfile.TemporaryDirectory() as scratch:
+        for column, count in enumerate(workers):
             # To read these items a process imports what it needs to plan, and gives back the last part.
             idle = [(f"start-{i}", (oracle, environment, problems.head(1))) for i in range(count)]
-            run_shards(itemgetter(2), idle, Path(scratch), count, f"start of {count} processes")
-            middle = time.perf_counter()
-            frames = run_shards(work, items, Path(scratch), count, f"demonstrations with {count} processes")
-            start, seconds = middle - begin, time.perf_counter() - middle
-        paths = [np.asarray(path).tobytes() for frame in frames for path in frame["path"]]
-        first = first or paths
-        alone = (rows[0][2], rows[0][3]) if rows else (start, seconds)
-        speed_ups = (sum(alone) / (start + seconds), alone[1] / seconds)
-        rows.append((count, len(paths), start, seconds, *speed_ups, paths == first))
+            begin = time.perf_counter()
+            run_shards(itemgetter(2), idle, Path(scratch, str(count)), count, f"start of {count} processes")
+            starts[column] = time.perf_counter() - begin
+        for row in range(len(works)):
+            order = range(len(workers)) if row % 2 == 0 else reversed(range(len(workers)))
+            for column in order:
+                count = workers[column]
+                label = f"demonstrations with {count} processes, round {row + 1} of {len(works)}"
+                begin = time.perf_counter()
+                frames = run_shards(work, items[row :: len(works)], Path(scratch, str(count)), count, label)
+                works[row, column] = time.perf_counter() - begin
+                paths[column] += [np.asarray(path).tobytes() for frame in frames for path in frame["path"]]
+    total = works.sum(axis=0)
+    rows = [
+        (
+            count,
+            len(paths[i]),
+            starts[i],
+            total[i],
+            (starts[0] + total[0]) / (starts[i] + total[i]),
+            total[0] / total[i],
+            *np.quantile(works[:, 0] / works[:, i], [0.0, 1.0]),
+            paths[i] == paths[0],
+        )
+        for i, count in enumerate(workers)
+    ]
     return pd.DataFrame(rows, columns=list(SCALING))
 
 

@@ -206,7 +206,8 @@ def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
 def goal_lines(table: pd.DataFrame, bounds: Mapping[str, float]) -> list[str]:
     """Return one line per row of OMPL in a planning table: whether ours is as many times faster as was promised.
 
-    Met is it when ours is as fast with the same checker, which looks at the same spacing, and also as it is.
+    Met is it when ours is as fast with the same checker, which looks at the same spacing. What ours gains as it is,
+    where it may look more closely, stands beside.
 
     Args:
         table: with the columns PLANNING.
@@ -216,7 +217,7 @@ def goal_lines(table: pd.DataFrame, bounds: Mapping[str, float]) -> list[str]:
     for row in table[~table["route"].isin(_OWN)].to_dict("records"):
         bound, median, p95 = bounds[row["planner"]], row["ratio of medians"], row["ratio of p95s"]
         as_it_is = [row[name] for name in _AS_IT_IS]
-        met = "met" if min(median, as_it_is[0]) >= bound and min(p95, as_it_is[1]) >= 1 else "not met"
+        met = "met" if median >= bound and p95 >= 1 else "not met"
         lines.append(
             f"{row['planner']} at least {bound:g}x at the median, no worse at p95: {met} ({median:.3g}x, {p95:.3g}x) "
             f"with {row['adherence'].replace('_', ' ')} against {row['route']}, both at {row[SPACING]:g} m, "

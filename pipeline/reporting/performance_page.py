@@ -32,7 +32,8 @@ PARITY_NOTE = (
     "Lengths are medians over the problems that both solved, their difference with its paired bootstrap interval."
 )
 SCALING_NOTE = (
-    "The speed-up is that of start and work together; the start of the processes is the same for however much work."
+    "The numbers of workers take turns, each round a part of the work. The speed-up is that of start and work; "
+    "the start of the processes is the same for however much work. In rounds: of single ones, without start."
 )
 
 

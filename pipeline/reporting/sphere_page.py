@@ -23,7 +23,8 @@ _ENCODING_NOTE = (
 )
 _SIZES_NOTE = (
     "At equal N_init: what the network is worth apart from the smaller first batch that it allows. The results above "
-    "compare each method at its own N_init (see 'What was run'); the paper does not give the learned one's."
+    "compare each method at its own N_init (see 'What was run'); the paper does not give the learned one's. Of the "
+    "learned method's samples the network draws as many as its calls allow; the table above has each row's share."
 )
 PAPER_SCENARIOS = {"blocks": "scenario 1 of the paper", "bands": "scenario 2 of the paper, never trained on"}
 
