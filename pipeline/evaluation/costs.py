@@ -31,8 +31,8 @@ from pipeline.schema import Choice
 log = logging.getLogger(__name__)
 PARTS = ("part", "per", "n", "median [us]", "p95 [us]")
 SCALING = (
-    "workers", "demonstrations", "start [s]", "work [s]", "speed-up", "speed-up without start",
-    "in rounds: least", "in rounds: most", "same paths",
+    "workers", "demonstrations", "start [s]", "work [s]", "plans [s]", "speed-up", "speed-up without start",
+    "of the machine", "in rounds: least", "in rounds: most", "same paths",
 )  # fmt: skip
 _WARM_UP = 10  # calls that are not counted
 _LEARNED = 100  # rows of a call by FMT*, see conf/sampler/compnetx_batch.yaml
@@ -132,11 +132,13 @@ def scaling_table(
     The shards are cut into rounds, and all numbers of workers do a round, in turn, before the next one comes: a machine
     that grows faster or slower meanwhile does so for all. The start of the processes counts in one speed-up and not in
     the other: the longer the work, the nearer they are. All are over the first number of workers, those in rounds of
-    single rounds, without start. The same paths: as with the first number, bit by bit.
+    single rounds, without start. Plans: what they took by clocks of their own, in all; where they take longer beside
+    others, the machine is to blame, and gives no more than the speed-up that is its own. The same paths: as with the
+    first number, bit by bit.
     """
     work, items = partial(demonstrate, oracle, environment, scenes), list(shards(problems, shard))
     starts, works = np.zeros(len(workers)), np.zeros((min(rounds, len(items)), len(workers)))
-    paths: list[list[bytes]] = [[] for _ in workers]
+    plans, paths = np.zeros(len(workers)), [list[bytes]() for _ in workers]
     with tempfile.TemporaryDirectory() as scratch:
         for column, count in enumerate(workers):
             # To read these items a process imports what it needs to plan, and gives back the last part.
@@ -152,6 +154,7 @@ def scaling_table(
                 begin = time.perf_counter()
                 frames = run_shards(work, items[row :: len(works)], Path(scratch, str(count)), count, label)
                 works[row, column] = time.perf_counter() - begin
+                plans[column] += sum(frame["planning_time"].sum() for frame in frames)
                 paths[column] += [np.asarray(path).tobytes() for frame in frames for path in frame["path"]]
     total = works.sum(axis=0)
     rows = [
@@ -160,8 +163,10 @@ def scaling_table(
             len(paths[i]),
             starts[i],
             total[i],
+            plans[i],
             (starts[0] + total[0]) / (starts[i] + total[i]),
             total[0] / total[i],
+            count / workers[0] * plans[0] / plans[i],
             *np.quantile(works[:, 0] / works[:, i], [0.0, 1.0]),
             paths[i] == paths[0],
         )
@@ -174,10 +179,11 @@ def scaling_lines(table: pd.DataFrame, bound: float) -> list[str]:
     """Return one line per number of workers above 1: whether these are as many times faster as was promised."""
     lines = []
     for row in table[table["workers"] > 1].to_dict("records"):
-        ratio, bare = row["speed-up"], row["speed-up without start"]
+        ratio, bare, most = (row[name] for name in ("speed-up", "speed-up without start", "of the machine"))
         lines.append(
             f"Demonstrations with {row['workers']} workers at least {bound:g}x as fast: "
-            f"{'met' if ratio >= bound else 'not met'} ({ratio:.3g}x; {bare:.3g}x without the start of the processes)"
+            f"{'met' if ratio >= bound else 'not met'} ({ratio:.3g}x; {bare:.3g}x without the start of the processes, "
+            f"{most:.3g}x if nothing were lost but what plans take longer beside each other)"
         )
     return lines
 
