@@ -1,6 +1,5 @@
 """Telling of many edges at once whether they look free, for planners that walk only the few they need (FMT*)."""
 
-from collections.abc import Iterator
 from itertools import pairwise
 
 import casadi as ca
@@ -53,22 +52,20 @@ class Screen:
             validity: of the scene.
         """
         # Most of the edges that fail do so in their middle, which is cheaper to ask for by itself.
-        promising = np.empty(len(q_from), bool)
-        for block, (middles, missed) in self._middle(q_from, q_to):
-            promising[block] = validity.free_rows(self._or_begin(middles[:, None], missed, q_from[block])[:, 0])
+        middles, missed = self._middle(q_from, q_to)
+        promising = validity.free_rows(self._or_begin(middles[:, None], missed, q_from)[:, 0])
         left = np.flatnonzero(promising)
-        q_from, q_to, lengths = q_from[left], q_to[left], np.full(len(q_from), np.inf)
-        points, ways = np.empty((len(left), POINTS, q_from.shape[1])), np.empty(len(left))
-        for block, (found, missed, way) in self._between(q_from, q_to):
-            points[block] = self._or_begin(found.reshape(len(found), POINTS, -1), missed, q_from[block])
-            ways[block] = way[:, 0]
+        lengths = np.full(len(q_from), np.inf)
+        q_from, q_to = q_from[left], q_to[left]
+        found, missed, ways = self._between(q_from, q_to)
+        points = self._or_begin(found.reshape(-1, POINTS, q_from.shape[1]), missed, q_from)
         # How often an edge is to be halved further; most want the same.
         straight = np.linalg.norm(q_to - q_from, axis=1)
         levels = np.searchsorted(self._halves, straight)
         for level in set(levels.tolist()) - {0}:
             asked = np.flatnonzero(levels == level)
             promising[left[asked]] = validity.all_free(points[asked].take(_BESIDE[level - 1], axis=1))
-        lengths[left] = np.where(promising[left], ways, np.inf)
+        lengths[left] = np.where(promising[left], ways[:, 0], np.inf)
         return promising, lengths, len(promising) + POINTS * len(left)
 
     @staticmethod
@@ -90,11 +87,14 @@ class _Rows:
         self._ends = [ends.reshape(size, -1) for ends in function.arguments]
         self._results = [found.reshape(size, -1) for found in function.results]
 
-    def __call__(self, q_from: np.ndarray, q_to: np.ndarray) -> Iterator[tuple[slice, list[np.ndarray]]]:
-        """Yield which rows were evaluated, and views of their results, which the next ones overwrite."""
+    def __call__(self, q_from: np.ndarray, q_to: np.ndarray) -> list[np.ndarray]:
+        """Return the results, a row for each pair."""
+        found = [np.empty((len(q_from), rows.shape[1])) for rows in self._results]
         for first in range(0, len(q_from), self._size):
-            size = min(self._size, len(q_from) - first)
-            block = slice(first, first + size)
+            block = slice(first, first + self._size)
+            size = len(q_from[block])
             self._ends[0][:size], self._ends[1][:size] = q_from[block], q_to[block]
             self._function.evaluate()
-            yield block, [found[:size] for found in self._results]
+            for all_rows, rows in zip(found, self._results, strict=True):
+                all_rows[block] = rows[:size]
+        return found
