@@ -132,9 +132,8 @@ def scaling_table(
     The shards are cut into rounds, and all numbers of workers do a round, in turn, before the next one comes: a machine
     that grows faster or slower meanwhile does so for all. The start of the processes counts in one speed-up and not in
     the other: the longer the work, the nearer they are. All are over the first number of workers, those in rounds of
-    single rounds, without start. Plans: what they took by clocks of their own, in all; where they take longer beside
-    others, the machine is to blame, and gives no more than the speed-up that is its own. The same paths: as with the
-    first number, bit by bit.
+    single rounds, without start. Plans: what they took by clocks of their own, in all; the speed-up of the
+    machine follows from how much longer they take beside others. The same paths: as with the first number, bit by bit.
     """
     work, items = partial(demonstrate, oracle, environment, scenes), list(shards(problems, shard))
     starts, works = np.zeros(len(workers)), np.zeros((min(rounds, len(items)), len(workers)))
@@ -183,7 +182,7 @@ def scaling_lines(table: pd.DataFrame, bound: float) -> list[str]:
         lines.append(
             f"Demonstrations with {row['workers']} workers at least {bound:g}x as fast: "
             f"{'met' if ratio >= bound else 'not met'} ({ratio:.3g}x; {bare:.3g}x without the start of the processes, "
-            f"{most:.3g}x if nothing were lost but what plans take longer beside each other)"
+            f"{most:.3g}x if workers did nothing but plan)"
         )
     return lines
 

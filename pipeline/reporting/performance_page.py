@@ -34,9 +34,9 @@ PARITY_NOTE = (
 SCALING_NOTE = (
     "The numbers of workers take turns, each round a part of the work. The speed-up is that of start and work; "
     "the start of the processes is the same for however much work. Plans: the sum of their times by their own clocks. "
-    "Where plans take longer beside others than alone, the cores share something; the speed-up of the machine is the "
-    "number of workers over how much longer, which is what workers would reach that never wait and do nothing else. "
-    "In rounds: of single ones, without start."
+    "Beside others a plan takes longer than alone where cores share something, and longer or shorter where the machine "
+    "drifts; the speed-up of the machine is the number of workers over that ratio, which workers would reach that "
+    "never wait and do nothing else. In rounds: of single ones, without start."
 )
 
 
