@@ -2,7 +2,7 @@
 
 VENV ?= .venv
 PROFILE ?= quick
-# Extra arguments, as in `make test PYTEST_ARGS="-x -k sphere"`.
+# Extra arguments, as in `make test PYTEST_ARGS="-x -k sphere"`; `-n 0` runs the tests one after the other.
 PYTEST_ARGS ?=
 # Overrides of conf/bench.yaml, as in `make bench BENCH_ARGS="output=reports/performance.md"`.
 BENCH_ARGS ?=
@@ -45,7 +45,7 @@ $(stamp): requirements.lock
 	@touch $@
 
 test: venv  ## run the tests
-	@$(bin)/python -m pytest $(PYTEST_ARGS)
+	@$(bin)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile $(PYTEST_ARGS)
 
 bench: venv arms  ## measure arms, then parts, planning on the sphere and scaling, in an hour and a half on 2 idle cores
 	@$(bin)/python stages/bench.py $(BENCH_ARGS)

@@ -38,9 +38,9 @@ def contest(**changes) -> ArmContest:
 
 
 def small(setting: Setting) -> Setting:
-    """A family whose mazes have 24 cells, with half a second a plan."""
+    """A family whose mazes have 24 cells, with time enough for a busy machine."""
     parameters = {"rows": 4, "columns": 6} if setting.kind == "maze" else {}
-    return replace(setting, parameters=parameters, time_limit=5.0, peers=1)
+    return replace(setting, parameters=parameters, time_limit=30.0, peers=1)
 
 
 @pytest.mark.slow
