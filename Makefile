@@ -47,7 +47,7 @@ $(stamp): requirements.lock
 test: venv  ## run the tests
 	@$(bin)/python -m pytest --numprocesses=auto --maxprocesses=4 --dist=loadfile $(PYTEST_ARGS)
 
-bench: venv arms  ## measure arms, then parts, planning on the sphere and scaling, in an hour and a half on 2 idle cores
+bench: venv arms  ## measure arms, then parts, planning on the sphere and scaling, in under two hours on 2 idle cores
 	@$(bin)/python stages/bench.py $(BENCH_ARGS)
 
 soak: venv  ## plan and verify 10 000 paths of all families, in some 15 minutes on 2 cores; resumable

@@ -4,6 +4,9 @@ Planned problem by problem, so that drift of the machine hits all alike. OMPL's 
 the step of a walk and the resolution of its collision checks. So there are several, each with the problems it can
 afford, and every ratio is of medians over the same problems. Where ours checks at another spacing than OMPL, it plans
 once more with OMPL's: only then do both have the same checker.
+
+OMPL's charts give FMT all of its samples near the start and the goal, where ours has as many on the whole manifold. For
+lengths to say something about the planner, ours plans once more with a first batch that OMPL has drawn.
 """
 
 import itertools
@@ -25,12 +28,13 @@ from pipeline.manifolds import Adherence, AtlasParameters, make_adherence
 from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
 from pipeline.robots import Validity
-from pipeline.samplers import Sampler
+from pipeline.samplers import Sampler, UniformSampler
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
 
 log = logging.getLogger(__name__)
 OURS, SAME, ORDINARY, OVERRIDDEN = "ours", "ours, OMPL's spacing", "OMPL", "OMPL, project overridden"
+CHARTED = "ours, OMPL's samples"
 SPACING = "OMPL's spacing [m]"
 _AS_IT_IS = ("medians, ours as it is", "p95s, ours as it is")
 PLANNING = (
@@ -38,11 +42,12 @@ PLANNING = (
     "time p95 [ms]", "ratio of medians", "95 % from", "95 % to", "ratio of p95s", *_AS_IT_IS, "length median [m]",
 )  # fmt: skip
 PARITY = (
-    "planner", SPACING, "adherence", "route", "n", "verified: ours", "verified: OMPL", "only ours", "only OMPL",
-    "both", "success: ours [95 % Wilson]", "success: OMPL [95 % Wilson]",
-    "length, both: ours [m]", "length, both: OMPL [m]", "ours - OMPL [m]", "95 % from", "95 % to",
+    "planner", SPACING, "adherence", "route", "against", "n",
+    "verified: ours", "verified: OMPL", "only ours", "only OMPL", "both", "success: ours [95 % Wilson]",
+    "success: OMPL [95 % Wilson]", "length, both: ours [m]", "length, both: OMPL [m]", "ours - OMPL [m]",
+    "95 % from", "95 % to", "ours / OMPL, problem by problem [95 %]",
 )  # fmt: skip
-_OWN = (OURS, SAME)
+_OWN = (OURS, SAME, CHARTED)
 _PEERS = {"rrtconnect": ("RRTConnect", "RRTConnect"), "fmt": ("FMT*", "FMT")}  # our kind: label, OMPL's name
 _WARM_UP = 0.5  # [s] of a plan that is not counted; whatever is touched for the first time is touched by then
 
@@ -114,7 +119,34 @@ class _Entrant:
         termination = Termination(time_limit=time_limit)
         if isinstance(self.search, OmplPlanner):
             return self.search.plan(problem, termination, seed)
+        if isinstance(self.sampler, ChartSampler):
+            self.sampler.bind(problem)
         return self.search.plan(problem, self.sampler, termination, seed)
+
+
+class ChartSampler(UniformSampler):
+    """Draws the first batch from OMPL's charts, whose samples lie around start and goal, later ones as ours does.
+
+    Args:
+        peer: whose samples they are.
+    """
+
+    def __init__(self, peer: OmplPlanner) -> None:
+        super().__init__()
+        self.peer = peer
+
+    def bind(self, problem: Problem) -> None:
+        """Take the next problem: charts begin at its ends."""
+        self.problem = problem
+
+    def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Return OMPL's samples where no sample of a tree is asked about, else ours (m, n)."""
+        if not (current == target).all():
+            return super().sample(current, target)
+        drawn = self.peer.samples(self.problem, len(current), int(self.rng.integers(2**31)))
+        found, self.answered = self.adherence.project_rows(drawn)
+        self.counters.samples += len(found)
+        return found
 
 
 def contest_trials(
@@ -185,21 +217,29 @@ def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
 def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
     """Return the columns PARITY: success and length, ours against OMPL at its finest spacing, paired by problem.
 
-    Lengths are medians over the problems that both solved, with the bootstrap interval of their difference.
+    Routes are ours: as it is and, where it was planned, with OMPL's samples. Lengths are medians over the
+    problems that both solved, with the bootstrap interval of their difference, and the
+    median of the ratio problem by problem, which a few problems with long ways cannot move.
     """
     rows = []
     for planner, delta, adherence, group in _groups(trials[~(trials["delta"] > trials["delta"].min())]):
-        ours = group[group["route"] == OURS].set_index("problem")
-        for route, part in group[~group["route"].isin(_OWN)].groupby("route", sort=False):
-            theirs = part.set_index("problem").loc[ours.index]
-            x, y = ours["verified"].to_numpy(bool), theirs["verified"].to_numpy(bool)
+        theirs = group[~group["route"].isin(_OWN)].groupby("route", sort=False)
+        for route, (against, part) in itertools.product((OURS, CHARTED), theirs):
+            ours = group[group["route"] == route].set_index("problem")
+            if ours.empty:
+                continue
+            other = part.set_index("problem").loc[ours.index]
+            x, y = ours["verified"].to_numpy(bool), other["verified"].to_numpy(bool)
             counts = (len(x), x.sum(), y.sum(), (x & ~y).sum(), (~x & y).sum(), (x & y).sum())
-            lengths = [side["path_length"].to_numpy(float)[x & y] for side in (ours, theirs)]
+            lengths = [side["path_length"].to_numpy(float)[x & y] for side in (ours, other)]
             medians = (summary(lengths[0]).median, summary(lengths[1]).median)
             found = paired_interval(*lengths)
             difference = (found.estimate, found.low, found.high)
+            each = paired_interval(lengths[0] / lengths[1], np.ones(len(lengths[1])), Comparison.RATIO)
+            ratio = f"{each.estimate:.3f} [{each.low:.3f}, {each.high:.3f}]"
             rates = [_rate(int(side.sum()), len(side)) for side in (x, y)]
-            rows.append((planner, delta, adherence, route, *map(int, counts), *rates, *medians, *difference))
+            names = (planner, delta, adherence, route, str(against))
+            rows.append((*names, *map(int, counts), *rates, *medians, *difference, ratio))
     return pd.DataFrame(rows, columns=list(PARITY))
 
 
@@ -252,6 +292,7 @@ def _groups(trials: pd.DataFrame) -> Iterator[tuple[str, float, str, pd.DataFram
 
 def _entrants(contest: Contest, constraint: Constraint, validity: Validity) -> Iterator[_Entrant]:
     sampler, most = make_sampler(contest.sampler), contest.problems
+    finest = min(contest.spacings, key=lambda spacing: spacing.delta)
     own = {key: make_adherence(choice, constraint, validity) for key, choice in contest.adherences.items()}
     same: dict[tuple[str, float], Adherence] = {}
     for spacing, (key, space) in itertools.product(contest.spacings, own.items()):
@@ -275,6 +316,9 @@ def _entrants(contest: Contest, constraint: Constraint, validity: Validity) -> I
                 for route in routes:
                     search = OmplPlanner(name, kind, _parameters(space, planner, delta, route == OVERRIDDEN))
                     yield _Entrant(label, adherence, space, route, delta, problems, search, sampler)
+                if isinstance(planner, FmtStar) and isinstance(space.parameters, AtlasParameters) and spacing is finest:
+                    charts = ChartSampler(search)
+                    yield _Entrant(label, adherence, space, CHARTED, delta, problems, planner, charts)
 
 
 def _parameters(space: Adherence, planner: Planner, delta: float, override: bool) -> OmplParameters:

@@ -48,8 +48,9 @@ class OmplParameters:
             line. Above 1.
         epsilon: charts only: farthest from the manifold [rad or m].
         rho: charts only: radius, five deltas [rad or m]. FMT draws its samples before it walks, hence within
-            rho / (1 - exploration)^(1/d) of start and goal on a manifold of dimension d; in the tangent bundle, where
-            short walks make no charts, it then never gets farther. There it needs more than OMPL's default.
+            rho / (1 - exploration)^(1/d), along the tangent space, of start and goal on a manifold of dimension d; in
+            the tangent bundle, where short walks make no charts, it then never gets farther. There it needs more than
+            OMPL's default.
         alpha: charts only: largest angle to the manifold [rad].
         exploration: charts only: in [0, 1), how far beyond a chart's radius samples are drawn.
         backoff: charts only: a step that is too long is tried again this much shorter.
@@ -168,6 +169,25 @@ class OmplPlanner:
             seed=seed,
         )
 
+    def samples(self, problem: Problem, count: int, seed: int) -> np.ndarray:
+        """Return what the space draws before any walk: with charts, around start and goal (count, n).
+
+        Some may be off the manifold, in collision or outside the bounds: planners drop these.
+        """
+        dimension, calls = problem.adherence.dimension, Callbacks()
+        with _silent():
+            ou.RNG.setSeed(max(1, int(np.random.SeedSequence(seed).generate_state(1)[0])))
+            space = self._space(problem.adherence, calls)
+            information = _SPACES[self.space][1](space)
+            information.setStateValidityChecker(_checker(problem.adherence, calls, self.stand_ins))
+            information.setup()
+            self._anchor(space, *(_state(space, q) for q in (problem.start, problem.goal)))
+            sampler, state, drawn = space.allocStateSampler(), space.allocState(), np.empty((count, dimension))
+            for row in drawn:
+                sampler.sampleUniform(state)
+                row[:] = [state[i] for i in range(dimension)]
+        return drawn
+
     def _solve(
         self, problem: Problem, termination: Termination, calls: Callbacks
     ) -> tuple[PlanStatus, np.ndarray, float, int]:
@@ -178,10 +198,7 @@ class OmplPlanner:
         information = _SPACES[self.space][1](space)
         information.setStateValidityChecker(_checker(problem.adherence, calls, self.stand_ins))
         information.setup()
-        # The wrappers own these states: `freeState` on them would free them twice.
-        start, goal = space.allocState(), space.allocState()
-        start.copy(np.asarray(problem.start, float).tolist())
-        goal.copy(np.asarray(problem.goal, float).tolist())
+        start, goal = _state(space, problem.start), _state(space, problem.goal)
         definition = ob.ProblemDefinition(information)
         definition.setStartAndGoalStates(start, goal)
         objective = ob.PathLengthOptimizationObjective(information)
@@ -191,9 +208,7 @@ class OmplPlanner:
         planner = self._planner(information, definition)
         begin = time.perf_counter()
         try:
-            if charted:
-                space.anchorChart(start)
-                space.anchorChart(goal)
+            self._anchor(space, start, goal)
             ending = planner.solve(self._condition(termination, calls))
             charts = space.getChartCount() if charted else 0
             # bool(ending) is True for approximate solutions as well.
@@ -229,6 +244,16 @@ class OmplPlanner:
         if self.space == "atlas":
             space.setSeparated(parameters.separated)
         return space
+
+    def _anchor(self, space: Any, start: Any, goal: Any) -> None:
+        """Begin charts at start and goal.
+
+        The tangent bundle never draws from the first chart (its weight is how far it is from other anchors when it is
+        made), so the start gets a second one: FMT would have samples around the goal only.
+        """
+        ends = {"projection": (), "atlas": (start, goal), "tangent_bundle": (start, goal, start)}
+        for end in ends[self.space]:
+            space.anchorChart(end)
 
     def _planner(self, information: Any, definition: Any) -> Any:
         planner = getattr(og, self.planner)(information)
@@ -280,6 +305,13 @@ class _Projecting(_Ordinary):
         found = self._ours.project(x)
         x[:] = found.q
         return bool(found.converged)  # a numpy.bool aborts the interpreter
+
+
+def _state(space: Any, q: np.ndarray) -> Any:
+    """The wrapper owns the state: `freeState` on it would free it twice."""
+    state = space.allocState()
+    state.copy(np.asarray(q, float).tolist())
+    return state
 
 
 def _checker(adherence: Adherence, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:

@@ -14,6 +14,7 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.bench import Bench
 from pipeline.evaluation.costs import PARTS, SCALING, scaling_lines, times_us
 from pipeline.evaluation.peers import (
+    CHARTED,
     ORDINARY,
     OURS,
     OVERRIDDEN,
@@ -140,7 +141,9 @@ def test_planning(tables, planner, delta, n):
     """All routes of all adherences on the same problems, OMPL's medians and p95s divided by ours printed above them."""
     table = tables[f"{planner.replace('*', chr(92) + '*')}, OMPL's states {delta:g} m apart"]
     assert tuple(table.columns) == PLANNING[2:]
-    assert list(zip(table["adherence"], table["route"], strict=True)) == ROUTES
+    finest_fmt = planner == "FMT*" and delta == 0.02
+    expected = [*ROUTES, *((adherence, CHARTED) for adherence in ("atlas", "tangent_bundle") if finest_fmt)]
+    assert sorted(zip(table["adherence"], table["route"], strict=True)) == sorted(expected)
     assert set(table["n"]) == {str(n)}
     for _, rows in table.groupby("adherence"):
         ours, same = (rows[rows["route"] == route].iloc[0] for route in (OURS, SAME))
@@ -183,7 +186,9 @@ def test_parity(tables):
     """Ours and OMPL at its finest spacing, planner by planner; nobody solves more problems than there are."""
     parity = tables["Parity with OMPL's states 0.02 m apart"]
     assert tuple(parity.columns) == tuple(name for name in PARITY if name != SPACING)
-    assert len(parity) == 8
+    assert len(parity) == 10
+    charted = parity[parity["route"] == CHARTED]
+    assert list(charted["adherence"]) == ["atlas", "tangent_bundle"] and set(charted["planner"]) == {"FMT*"}
     counts = parity[["n", "verified: ours", "verified: OMPL", "only ours", "only OMPL", "both"]].astype(int)
     assert (counts["verified: ours"] == counts["only ours"] + counts["both"]).all()
     assert (counts["verified: OMPL"] == counts["only OMPL"] + counts["both"]).all()
@@ -231,7 +236,7 @@ def test_goal_is_that_of_equal_spacing(bound, met):
     (line,) = goal_lines(table, BOUNDS | {"RRTConnect": bound})
     assert f": {met} (16x, 16x) with" in line and line.endswith("ours as it is 8x, 8x")
     (row,) = parity_table(pd.concat([trials, same])).to_dict("records")
-    assert row["route"] == ORDINARY
+    assert (row["route"], row["against"]) == (OURS, ORDINARY)
 
 
 def test_goal_needs_the_tail_too():
@@ -265,6 +270,7 @@ def test_failures_count_in_times_and_not_in_lengths():
     assert [row[name] for name in ("n", "only ours", "only OMPL", "both")] == [3, 1, 0, 2]
     assert row["success: ours [95 % Wilson]"] == "100 % [43.9, 100]"
     assert row["success: OMPL [95 % Wilson]"] == "66.7 % [20.8, 93.9]"
+    assert row["ours / OMPL, problem by problem [95 %]"].startswith("2.056 [2.000, 2.")  # 2.0 / 1.0 and 1.9 / 0.9
     assert row["ours - OMPL [m]"] == pytest.approx(1.0) and row["length, both: ours [m]"] == pytest.approx(1.95)
 
 

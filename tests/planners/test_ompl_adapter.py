@@ -129,6 +129,21 @@ def test_charts_are_counted():
     assert result.solved and result.counters.charts > 2
 
 
+@pytest.mark.parametrize("space", ["projection", "atlas", "tangent_bundle"])
+def test_samples_before_a_walk(space):
+    """Charts draw around both ends, no farther than their discs reach on the sphere; projection draws everywhere."""
+    drawn = planner("FMT", space).samples(problem(), 400, seed=0)
+    assert np.abs(np.linalg.norm(drawn, axis=1) - 1).max() < 2e-3
+    to_start, to_goal = (np.linalg.norm(drawn - end, axis=1) for end in (SOUTH, NORTH))
+    farthest = np.minimum(to_start, to_goal).max()
+    radius = 0.25 / (1 - 0.75) ** 0.5  # of a disc: rho and exploration are OMPL's defaults, d = 2
+    reach = 2 * np.sin(np.arcsin(radius) / 2)  # its rim, moved onto the sphere along the normal of the chart
+    assert farthest > 1.3 if space == "projection" else 0.9 * reach < farthest < reach + 1e-3
+    assert 0.35 < (to_start < to_goal).mean() < 0.65
+    again = planner("FMT", space).samples(problem(), 400, seed=0)
+    np.testing.assert_array_equal(drawn, again)
+
+
 def test_unreachable_goal_is_a_failure_with_its_reason():
     """Behind a closed wall OMPL reports an approximate solution, which is none: no path, and why it ended."""
     scene = problem(wall(0.0))
