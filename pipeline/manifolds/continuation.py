@@ -10,8 +10,7 @@ from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
-_SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over the first of them
-_SAMPLE_GROWTH = 4  # samples of a block that get a chart, or an eighth: enough to spread, more cost most of a plan
+_SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over one of them
 _SAMPLE_ROUNDS = 50  # blocks in a row that may fail before sampling gives up
 
 
@@ -25,6 +24,7 @@ class ContinuationAdherence(Adherence):
         self.parameters: AtlasParameters = parameters
         self.atlas = Atlas(constraint, parameters)
         self._charts: dict[bytes, Chart] = {}  # of states that walks began or ended at
+        self._anchors: list[int] = []  # charts of start and goal
         self._edge = compiled(
             f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions(), parameters.native
         )
@@ -42,11 +42,13 @@ class ContinuationAdherence(Adherence):
         """Forget the last problem and its charts."""
         super().reset(validity)
         self.atlas = Atlas(self.constraint, self.parameters)
-        self._charts = {}
+        self._charts, self._anchors = {}, []
 
     def anchor(self, q: np.ndarray) -> None:
         """Begin the atlas with a chart at q."""
-        self._chart_at(q)
+        chart = self._chart_at(q)
+        if chart is not None:
+            self._anchors.append(chart.index)
 
     def exponential(self, chart: Chart, u: np.ndarray) -> np.ndarray | None:
         """Return psi(u), the manifold's point orthogonally above u (d,) (eq. 3); None without convergence."""
@@ -123,6 +125,9 @@ class ContinuationAdherence(Adherence):
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Sample charts and their tangent balls beyond rho (IMACS), lift, and grow the atlas over some of the samples.
 
+        The share `anchored` comes from the charts of start and goal. Of the others, one of a block gets a chart: enough
+        for them to spread over the manifold, while charts of many would cost more than they bring.
+
         Raises no error when the atlas cannot be sampled: fewer rows come back.
         """
         parameters, d = self.parameters, self.constraint.manifold_dimension
@@ -131,12 +136,16 @@ class ContinuationAdherence(Adherence):
         for _ in range(_SAMPLE_ROUNDS if len(self.atlas) else 0):
             size = min(_SAMPLE_BLOCK, count - len(found))
             charts = rng.integers(len(self.atlas), size=size)
+            around = rng.random(size) < (parameters.anchored if self._anchors else 0.0)
+            if self._anchors:
+                charts = np.where(around, rng.choice(self._anchors, size), charts)
             directions = rng.normal(size=(size, d))
             lengths = radius * rng.random((size, 1)) ** (1.0 / d)
             Q, lifted = self._lift(charts, directions * (lengths / np.linalg.norm(directions, axis=1, keepdims=True)))
-            Q = Q[lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)]
-            for q in Q[: max(_SAMPLE_GROWTH, size // 8)]:
+            within = lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)
+            for q in Q[within & ~around][:1]:
                 self._chart_at(q)
+            Q = Q[within]
             found = np.concatenate([found, Q])
             if len(found) >= count:
                 break

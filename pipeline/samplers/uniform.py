@@ -23,7 +23,7 @@ class UniformParameters:
 
 
 class UniformSampler(Sampler):
-    """Samples the whole manifold, whatever the start, goal and scene.
+    """Samples the whole manifold, whatever the scene; in charts most around start and goal (`AtlasParameters`).
 
     Args:
         batch: K for batch planners.

@@ -55,7 +55,7 @@ def test_seed_decides(method):
 def test_everywhere(method):
     """From one chart on, samples come to lie in all 26 directions of the sphere's cells."""
     space, rng = anchored(method), np.random.default_rng(2)
-    samples = np.concatenate([space.sample(rng, 100) for _ in range(10)])
+    samples = np.concatenate([space.sample(rng, 100) for _ in range(100)])
     cells = {tuple(cell) for cell in np.round(samples).astype(int)} - {(0, 0, 0)}
     assert len(cells) == 26
 
@@ -73,6 +73,25 @@ def test_samples_of_one_chart_are_a_ball_lifted(method):
     quantiles = np.quantile(near, [0.25, 0.5, 0.75])
     np.testing.assert_allclose(quantiles, radius * np.sqrt([0.25, 0.5, 0.75]), atol=0.03)
     assert {int(abs(q[2]) > 0.8) for q in samples} == {0, 1}
+
+
+@pytest.mark.parametrize("method", CHARTED)
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_share_around_start_and_goal(method, share):
+    """However far charts have spread, the share `anchored` of samples stays within a chart's reach of start or goal."""
+    space, ends, rng = (
+        sphere_space(method, rho=0.3, exploration=0.5, anchored=share),
+        np.eye(3)[:2],
+        np.random.default_rng(4),
+    )
+    for end in ends:
+        space.anchor(end)
+    for _ in range(60):
+        space.sample(rng, 64)  # a chart each
+    samples, radius = space.sample(rng, 2000), 0.3 / 0.5**0.5
+    inside = [np.linalg.norm(samples - (samples @ end)[:, None] * end, axis=1) <= radius + 1e-9 for end in ends]
+    found = np.any([here & (samples @ end > 0) for here, end in zip(inside, ends, strict=True)], axis=0).mean()
+    assert share - 0.03 <= found <= share + 0.5 * (1 - share)  # of the others, most are elsewhere by now
 
 
 @pytest.mark.parametrize("method", CHARTED)
