@@ -5,8 +5,8 @@ the step of a walk and the resolution of its collision checks. So there are seve
 afford, and every ratio is of medians over the same problems. Where ours checks at another spacing than OMPL, it plans
 once more with OMPL's: only then do both have the same checker.
 
-OMPL's charts give FMT all of its samples near the start and the goal, where ours spreads a quarter over the
-manifold. For lengths to say something about the planner, ours plans once more with a first batch that OMPL has drawn.
+OMPL's charts give FMT all of its samples near the start and the goal, where ours has as many on the whole manifold. For
+lengths to say something about the planner, ours plans once more with a first batch that OMPL has drawn.
 """
 
 import itertools
@@ -139,10 +139,8 @@ class ChartSampler(UniformSampler):
         """Take the next problem: charts begin at its ends."""
         self.problem = problem
 
-    def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Return OMPL's samples where no sample of a tree is asked about, else ours (m, n)."""
-        if not (current == target).all():
-            return super().sample(current, target)
+    def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Return OMPL's samples that can be projected (m, n)."""
         drawn = self.peer.samples(self.problem, len(current), int(self.rng.integers(2**31)))
         found, self.answered = self.adherence.project_rows(drawn)
         self.counters.samples += len(found)

@@ -20,8 +20,6 @@ class AtlasParameters(AdherenceParameters):
         alpha: largest angle between a chart and a chord to the manifold [rad] (pi/6; the authors' code: pi/16).
         rho: radius of a chart's validity region [rad or m].
         exploration: probability of sampling outside the chart; samples reach rho / (1 - exploration)^(1/d).
-        anchored: share of samples drawn in the charts of start and goal, the others in any. Ours; OMPL draws all of
-            FMT's samples there, because short walks make no charts.
         max_charts: the atlas takes no more than these.
         separate: whether half-spaces keep charts apart (atlas) or not (tangent bundle).
     """
@@ -30,7 +28,6 @@ class AtlasParameters(AdherenceParameters):
     alpha: float = np.pi / 6
     rho: float = 1.5
     exploration: float = 0.9
-    anchored: float = 0.75
     max_charts: int = 5000
     separate: bool = True
 
@@ -40,7 +37,6 @@ class AtlasParameters(AdherenceParameters):
         require("adherence.alpha", self.alpha, above=0, below=np.pi / 2)
         require("adherence.rho", self.rho, above=0)
         require("adherence.exploration", self.exploration, at_least=0, below=1)
-        require("adherence.anchored", self.anchored, at_least=0, at_most=1)
         require("adherence.max_charts", self.max_charts, above=1)
 
 

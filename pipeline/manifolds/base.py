@@ -215,6 +215,13 @@ class Adherence(ABC):
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return up to `count` configurations on the manifold and within bounds (m, n); collisions are not checked."""
 
+    def sample_around(self, rng: np.random.Generator, Q: np.ndarray) -> np.ndarray:
+        """Return up to a sample for each row of Q (m, n), all on the manifold: from a chart there, if there are charts.
+
+        Without charts the whole manifold is sampled.
+        """
+        return self.sample(rng, len(Q))
+
     def directions(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return configurations (count, n) to walk towards without landing: samples, or what would have become one.
 

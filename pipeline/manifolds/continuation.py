@@ -10,8 +10,10 @@ from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
-_SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over one of them
-_SAMPLE_ROUNDS = 50  # blocks in a row that may fail before sampling gives up
+_SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over the first of them
+_SAMPLE_GROWTH = 4  # samples of a block that get a chart: enough to spread, more cost a fifth of a plan
+_SAMPLE_ROUNDS = 50  # blocks in a row that may bring nothing before sampling gives up
+_LIFT_BLOCK = 256  # lifted together where the atlas does not grow in between: half the price of four small blocks
 
 
 class ContinuationAdherence(Adherence):
@@ -24,7 +26,6 @@ class ContinuationAdherence(Adherence):
         self.parameters: AtlasParameters = parameters
         self.atlas = Atlas(constraint, parameters)
         self._charts: dict[bytes, Chart] = {}  # of states that walks began or ended at
-        self._anchors: list[int] = []  # charts of start and goal
         self._edge = compiled(
             f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions(), parameters.native
         )
@@ -35,20 +36,20 @@ class ContinuationAdherence(Adherence):
         base, y = ca.SX.sym("base", constraint.n), ca.SX.sym("y", constraint.k)
         F, J = constraint.function_jacobian(base + normal @ y)
         lift = ca.Function("lift", [base, normal, y], [ca.sumsqr(F), ca.densify(y - ca.solve(J @ normal, F))])
-        self._lift_block = Compiled(lift.map(_SAMPLE_BLOCK), parameters.native)
+        self._lift_few, self._lift_many = (
+            Compiled(lift.map(size), parameters.native) for size in (_SAMPLE_BLOCK, _LIFT_BLOCK)
+        )
         self._psi = compiled("psi", [origin, tangent, normal, u], [q, violation], parameters.native)
 
     def reset(self, validity: Validity | None = None) -> None:
         """Forget the last problem and its charts."""
         super().reset(validity)
         self.atlas = Atlas(self.constraint, self.parameters)
-        self._charts, self._anchors = {}, []
+        self._charts = {}
 
     def anchor(self, q: np.ndarray) -> None:
         """Begin the atlas with a chart at q."""
-        chart = self._chart_at(q)
-        if chart is not None:
-            self._anchors.append(chart.index)
+        self._chart_at(q)
 
     def exponential(self, chart: Chart, u: np.ndarray) -> np.ndarray | None:
         """Return psi(u), the manifold's point orthogonally above u (d,) (eq. 3); None without convergence."""
@@ -125,44 +126,48 @@ class ContinuationAdherence(Adherence):
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Sample charts and their tangent balls beyond rho (IMACS), lift, and grow the atlas over some of the samples.
 
-        The share `anchored` comes from the charts of start and goal. Of the others, one of a block gets a chart: enough
-        for them to spread over the manifold, while charts of many would cost more than they bring.
-
         Raises no error when the atlas cannot be sampled: fewer rows come back.
         """
+        found, barren = np.empty((0, self.dimension)), 0
+        while len(found) < count and len(self.atlas) and barren < _SAMPLE_ROUNDS:
+            size = min(_SAMPLE_BLOCK, count - len(found))
+            Q = self._drawn(rng, rng.integers(len(self.atlas), size=size))
+            for q in Q[:_SAMPLE_GROWTH]:
+                self._chart_at(q)
+            found, barren = np.concatenate([found, Q]), 0 if len(Q) else barren + 1
+        return found
+
+    def sample_around(self, rng: np.random.Generator, Q: np.ndarray) -> np.ndarray:
+        """Sample the tangent balls of charts at Q, as `sample` those of any chart."""
+        ends, which = np.unique(Q, axis=0, return_inverse=True)
+        charts = [self._chart_at(q) for q in ends]
+        places = np.array([-1 if chart is None else chart.index for chart in charts], int)[which]
+        places = places[places >= 0]
+        blocks = [self._drawn(rng, places[i : i + _LIFT_BLOCK]) for i in range(0, len(places), _LIFT_BLOCK)]
+        return np.concatenate([np.empty((0, self.dimension)), *blocks])
+
+    def _drawn(self, rng: np.random.Generator, charts: np.ndarray) -> np.ndarray:
+        """Return a sample of each chart (m,), but for those that cannot be lifted or are out of bounds."""
         parameters, d = self.parameters, self.constraint.manifold_dimension
         radius = parameters.rho / (1.0 - parameters.exploration) ** (1.0 / d)
-        found = np.empty((0, self.dimension))
-        for _ in range(_SAMPLE_ROUNDS if len(self.atlas) else 0):
-            size = min(_SAMPLE_BLOCK, count - len(found))
-            charts = rng.integers(len(self.atlas), size=size)
-            around = rng.random(size) < (parameters.anchored if self._anchors else 0.0)
-            if self._anchors:
-                charts = np.where(around, rng.choice(self._anchors, size), charts)
-            directions = rng.normal(size=(size, d))
-            lengths = radius * rng.random((size, 1)) ** (1.0 / d)
-            Q, lifted = self._lift(charts, directions * (lengths / np.linalg.norm(directions, axis=1, keepdims=True)))
-            within = lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)
-            for q in Q[within & ~around][:1]:
-                self._chart_at(q)
-            Q = Q[within]
-            found = np.concatenate([found, Q])
-            if len(found) >= count:
-                break
-        return found
+        directions = rng.normal(size=(len(charts), d))
+        lengths = radius * rng.random((len(charts), 1)) ** (1.0 / d)
+        Q, lifted = self._lift(charts, directions * (lengths / np.linalg.norm(directions, axis=1, keepdims=True)))
+        return np.asarray(Q[lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)])
 
     def _lift(self, charts: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return psi(u) for up to a block of charts (m,) and coordinates (m, d), and where it converged (m,)."""
-        count, atlas, block = len(charts), self.atlas, self._lift_block
+        count, atlas = len(charts), self.atlas
+        block = self._lift_few if count <= _SAMPLE_BLOCK else self._lift_many
         self.counters.projections += count
         normals = atlas.normals[charts]  # (m, k, n)
         bases = atlas.origins[charts] + np.einsum("md,mdn->mn", U, atlas.tangents[charts])
         heights = np.zeros((count, self.constraint.k))
-        base, normal, height = block.arguments
-        base[:count], normal[: normals[0].size // self.dimension * count] = bases, normals.reshape(-1, self.dimension)
+        base, normal, height = (argument.reshape(len(block.arguments[0]), -1) for argument in block.arguments)
+        base[:count], normal[:count] = bases, normals.reshape(count, -1)
         for _ in range(3 * self.parameters.newton_steps):
-            height.reshape(-1, self.constraint.k)[:count] = heights
-            violations, following = (result.reshape(_SAMPLE_BLOCK, -1)[:count] for result in block.evaluate())
+            height[:count] = heights
+            violations, following = (result.reshape(len(base), -1)[:count] for result in block.evaluate())
             done = violations[:, 0] < self.constraint.tolerance**2
             if done.all():
                 break

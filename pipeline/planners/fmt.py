@@ -106,10 +106,11 @@ class FmtStar(Planner):
             current[first : first + len(spread)] = spread
         barren = 0
         while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
-            if not sampler.informed:  # the whole manifold is sampled: all that are missing at once, where most are free
+            if not sampler.informed:  # nothing to select: all that are missing at once, where most are free
                 count = max(K, min(3 * (self.samples - len(found)) // 2, _MOST_FIRST))
-                current = targets = np.repeat([problem.goal], count, axis=0)
-            proposals = sampler.sample(current, targets)
+                ends, side = np.stack([problem.start, problem.goal]), np.arange(count) % 2
+                current, targets = ends[side], ends[1 - side]
+            proposals = sampler.first(current, targets)
             free = space.validity.free_rows(proposals)
             barren = 0 if free.any() else barren + 1
             found += list(proposals[free])
@@ -122,7 +123,7 @@ class FmtStar(Planner):
         return np.array(found[: self.samples])
 
     def _random_free(self, space: Adherence, sampler: Sampler, count: int, clock: Clock) -> np.ndarray:
-        """Return up to `count` free configurations spread over the manifold (m, n)."""
+        """Return up to `count` free configurations of the classical sampler, spread over the manifold (m, n)."""
         found: list[np.ndarray] = []
         barren = 0
         while len(found) < count and barren < _BARREN and not clock.out_of_time():
@@ -138,7 +139,7 @@ class FmtStar(Planner):
         """Sample from random tree nodes towards the goal until the tree has something to go on from (Algorithm 6)."""
         while not wave.alive and not clock.out_of_time():
             count = sampler.batch
-            if not sampler.informed:  # the whole manifold is sampled: many at once, and the front goes over them once
+            if not sampler.informed:  # from the whole manifold: many at once, and the front goes over them once
                 count = max(count, min(int(self.late * wave.count), _MOST_LATE // wave.neighbours.shape[1]))
             tree = np.flatnonzero(wave.state == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=count)]]

@@ -101,7 +101,7 @@ def solve(file: ProblemFile) -> Solution:
     """
     planner = choice(file.planner, "planner").make(PLANNERS, "planner")
     sampling = choice(file.sampler, "sampler").make({"uniform": UniformParameters}, "sampler")
-    sampler = UniformSampler(sampling.batch, sampling.block, sampling.directions)
+    sampler = UniformSampler(sampling.batch, sampling.block, sampling.around, sampling.directions)
     adherence = choice(file.adherence, "adherence")
     begin = time.perf_counter()
     built = build(file)

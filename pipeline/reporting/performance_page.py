@@ -31,8 +31,8 @@ PLANNING_NOTE = (
 PARITY_NOTE = (
     "Lengths are medians over the problems that both solved, their difference with its paired bootstrap interval, and "
     "the median of the ratio problem by problem with its own. In charts OMPL's FMT has its samples around the start "
-    "and the goal, ours three quarters and the others on the whole manifold: ours with OMPL's samples has a first "
-    "batch drawn by OMPL, so that what differs is the planner."
+    "and the goal, ours as many on the whole manifold: ours with OMPL's samples has a first batch drawn by OMPL, so "
+    "that what differs is the planner."
 )
 SCALING_NOTE = (
     "The numbers of workers take turns, each round a part of the work. The speed-up is that of start and work; "

@@ -39,3 +39,11 @@ class Sampler(ABC):
         Fewer than K where a proposal could not be brought onto the manifold within the bounds; collisions are not
         checked here.
         """
+
+    def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """As `sample`, for the first batch of a planner that has walked nowhere yet.
+
+        A classical sampler draws it around `current`, where the adherence has charts: as OMPL's FMT does, whose atlas
+        has only those of start and goal by then.
+        """
+        return self.sample(current, target)

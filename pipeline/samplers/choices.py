@@ -54,7 +54,7 @@ def make_sampler(choice: Choice, learned: Learned | None = None) -> Sampler:
     """
     parameters = choice.make(_PARAMETERS, "sampler")
     if choice.kind == "uniform":
-        return UniformSampler(parameters.batch, parameters.block, parameters.directions)
+        return UniformSampler(parameters.batch, parameters.block, parameters.around, parameters.directions)
     if learned is None:
         raise ConfigError(f"sampler {choice.kind!r} needs a trained network: run the train stage")
     return CompnetxSampler(learned.network, learned.voxels, parameters.batch, parameters.n_ismp)

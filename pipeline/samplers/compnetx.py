@@ -1,7 +1,7 @@
 """CoMPNetX as a sampler (compnetx.txt, section V-E): the network first, the classical sampler after N_ismp."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -47,11 +47,20 @@ class CompnetxSampler(Sampler):
 
     def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return up to K configurations on the manifold (m, n)."""
+        return self._asked(self.fallback.sample, current, target)
+
+    def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """As `sample`; what the network does not answer is the first batch of the classical sampler."""
+        return self._asked(self.fallback.first, current, target)
+
+    def _asked(
+        self, classical: Callable[[np.ndarray, np.ndarray], np.ndarray], current: np.ndarray, target: np.ndarray
+    ) -> np.ndarray:
         answers = self.informed
         self.calls += 1
         self.informed = self.calls < self.n_ismp
         if not answers:
-            found = self.fallback.sample(current, target)
+            found = classical(current, target)
             self.answered = self.fallback.answered
             self.counters.fallback_samples += len(found)
             return found

@@ -15,27 +15,30 @@ class UniformParameters:
 
     batch: int = 64
     block: int = 32
+    around: float = 0.75
     directions: bool = False
 
     def __post_init__(self) -> None:
         for name in ("batch", "block"):
             require(f"sampler.{name}", getattr(self, name), at_least=1)
+        require("sampler.around", self.around, at_least=0, at_most=1)
 
 
 class UniformSampler(Sampler):
-    """Samples the whole manifold, whatever the scene; in charts most around start and goal (`AtlasParameters`).
+    """Samples the whole manifold, whatever the problem; with charts, most of a first batch around start and goal.
 
     Args:
         batch: K for batch planners.
         block: samples drawn at a time and handed out one by one; projecting a block costs little more than one.
+        around: share of a first batch that is drawn around the current configurations, where the adherence has charts.
+            Of OMPL's FMT it is all, whose atlas has only the charts of start and goal by then.
         directions: draw directions instead, which need not be on the manifold (see `Adherence.directions`); for
             planners that extend towards samples, not for those that connect them.
     """
 
-    def __init__(self, batch: int = 64, block: int = 32, directions: bool = False) -> None:
-        for name, value in (("batch", batch), ("block", block)):
-            require(f"sampler.{name}", value, at_least=1)
-        self.batch, self.block, self.lands = batch, block, not directions
+    def __init__(self, batch: int = 64, block: int = 32, around: float = 0.75, directions: bool = False) -> None:
+        parameters = UniformParameters(batch, block, around, directions)
+        self.batch, self.block, self.around, self.lands = batch, block, around, not parameters.directions
 
     def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:
         """Bind to a problem and forget the samples drawn for the last one."""
@@ -50,6 +53,15 @@ class UniformSampler(Sampler):
             fresh = draw(self.rng, max(self.block, count - len(self._drawn)))
             self._drawn = np.concatenate([self._drawn, fresh])
         found, self._drawn = self._drawn[:count], self._drawn[count:]
+        return self._handed_out(found)
+
+    def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Return up to K samples of the manifold (m, n), the share `around` of them around `current`."""
+        near = round(self.around * len(current))
+        close = self.adherence.sample_around(self.rng, current[:near])
+        return self._handed_out(np.concatenate([close, self.adherence.sample(self.rng, len(current) - near)]))
+
+    def _handed_out(self, found: np.ndarray) -> np.ndarray:
         self.answered = np.arange(len(found))
         self.counters.samples += len(found)
         return found

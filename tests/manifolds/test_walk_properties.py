@@ -303,8 +303,6 @@ def test_reset_forgets_and_moves_to_another_scene(method):
         ("rho", -1.0),
         ("exploration", 1.0),
         ("exploration", -0.1),
-        ("anchored", -0.1),
-        ("anchored", 1.1),
         ("max_charts", 0),
         ("epsilon", np.nan),
     ],

@@ -124,6 +124,21 @@ def test_without_calls_of_the_network_it_is_the_uniform_sampler(network, method)
         np.testing.assert_array_equal(ask(sampler, count), ask(uniform, count))
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_first_batch_is_the_networks_then_classical(network, method):
+    """Of a first batch the network answers as usual; what comes after is the uniform sampler's first batch, and counted."""
+    sampler, current = started(network, method, seed=5, n_ismp=1), np.eye(3)[[0, 2] * 15]
+    learned = sampler.first(current, current[::-1])
+    assert sampler.counters.network_calls == 1 and sampler.counters.fallback_samples == 0
+    assert 0 < len(learned) <= 30 and not sampler.informed
+    fallback = UniformSampler()
+    fallback.start(begun(method), np.random.default_rng(5), "kitchen")
+    classical = started(network, method, seed=5, n_ismp=0)
+    found = classical.first(current, current[::-1])
+    np.testing.assert_array_equal(found, fallback.first(current, current[::-1]))
+    assert classical.counters.fallback_samples == len(found) > 0
+
+
 def test_start_begins_anew(network):
     """Bound to a problem again, the network answers again, and the samples repeat from the first."""
     sampler = started(network, seed=6, n_ismp=1)

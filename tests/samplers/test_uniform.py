@@ -74,6 +74,33 @@ def test_covers_the_sphere_without_bias():
 
 
 @pytest.mark.parametrize("method", CHARTED)
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_first_batch_around_current(method, share):
+    """The share `around` of a first batch lies within reach of its current configurations, by turns; all are counted.
+
+    Of the others, from charts that have spread, most lie elsewhere.
+    """
+    space, ends = sphere_space(method, rho=0.3, exploration=0.5), np.eye(3)[[0, 1] * 500]
+    space.anchor(np.array([0.0, 0.0, -1.0]))
+    space.sample(np.random.default_rng(8), 2000)
+    sampler = UniformSampler(around=share)
+    sampler.start(space, np.random.default_rng(9), None)
+    samples = sampler.first(ends, ends[::-1])
+    assert samples.shape == (1000, 3) and sampler.counters.samples == 1000
+    np.testing.assert_array_equal(sampler.answered, np.arange(1000))
+    heights = (samples * ends).sum(axis=1)  # over the tangent plane of the end that was given
+    within = (np.sqrt(1 - np.minimum(heights, 1) ** 2) <= 0.3 / 0.5**0.5 + 1e-3) & (heights > 0)
+    near = round(share * 1000)
+    assert within[:near].all() and within[near:].sum() <= 0.3 * (1000 - near)
+
+
+def test_without_charts_the_first_batch_is_as_any_other():
+    """With projection a first batch is what `sample` gives of the same stream."""
+    one, other = started("projection", seed=7), started("projection", seed=7)
+    np.testing.assert_array_equal(one.first(np.zeros((80, 3)), np.zeros((80, 3))), ask(other, 80))
+
+
+@pytest.mark.parametrize("method", CHARTED)
 def test_fewer_where_there_are_none(method):
     """Where the method finds no samples fewer come back, none at worst, and only those are counted."""
     sampler = UniformSampler()
@@ -86,3 +113,10 @@ def test_parameters_are_checked(name):
     """A batch or block of none is refused with its name and value."""
     with pytest.raises(ConfigError, match=rf"sampler\.{name} is 0"):
         UniformSampler(**{name: 0})
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, np.nan])
+def test_share_is_checked(share):
+    """A share outside 0 to 1 is refused with its name and value."""
+    with pytest.raises(ConfigError, match=rf"sampler\.around is {share}"):
+        UniformSampler(around=share)
