@@ -10,7 +10,7 @@ from pipeline.environments import BLOCKS, ENVIRONMENTS, Split
 from pipeline.environments.oracle import Oracle
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lines, scaling_table
-from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_table, planning_table
+from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_lines, parity_table, planning_table
 from pipeline.learning import Model, Normalisation, load_model
 from pipeline.learning.networks import Compnetx
 from pipeline.learning.recipe import ModelConfig
@@ -98,14 +98,18 @@ def measure(bench: Bench) -> Measured:
         trials = contest_trials(contest, environment, scenes, problems)
     demonstrations = problems.iloc[: bench.demonstrations]
     scaling = scaling_table(bench.oracle, environment, scenes, demonstrations, bench.shard, bench.rounds)
-    planning = planning_table(trials)
+    planning, parity = planning_table(trials), parity_table(trials)
     return Measured(
         place=f"{len(scenes)} validation scenes of {environment.name}, {environment.blocks} blocks each",
         network=f"`{bench.trained}`" if bench.trained else "freshly initialised; cost does not depend on weights",
-        goals=[*goal_lines(planning, bench.goals.planners), *scaling_lines(scaling, bench.goals.workers)],
+        goals=[
+            *goal_lines(planning, bench.goals.planners),
+            *parity_lines(parity),
+            *scaling_lines(scaling, bench.goals.workers),
+        ],
         parts=parts,
         planning=planning,
-        parity=parity_table(trials),
+        parity=parity,
         scaling=scaling,
     )
 

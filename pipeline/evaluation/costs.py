@@ -4,6 +4,7 @@ import itertools
 import logging
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import torch
 
 from pipeline.environments import Environment, Scene, validity
 from pipeline.environments.oracle import Oracle, demonstrate, shards
@@ -20,6 +22,7 @@ from pipeline.errors import require
 from pipeline.evaluation.statistics import summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.learning import CompnetxNetwork, Model, Products
+from pipeline.learning.dropout import draw_masks
 from pipeline.manifolds import Adherence, Traversal, make_adherence
 from pipeline.manifolds.screening import POINTS
 from pipeline.parallel import run_shards
@@ -263,6 +266,38 @@ def _network(place: Workplace, model: Model, voxels: np.ndarray, rng: np.random.
         if K > 1:
             us = times_us(lambda pair: plain.sample(0, pair[0], pair[1], rng), pairs)
             yield f"network sample, K = {K}, in single precision", "call", us
+        for name, forward in _alternatives(model, voxels, pairs[0], rng):
+            yield f"network sample, K = {K}, {name}", "call", times_us(forward, pairs)
+
+
+def _alternatives(
+    model: Model, voxels: np.ndarray, pair: np.ndarray, rng: np.random.Generator
+) -> Iterator[tuple[str, Callable[[np.ndarray], np.ndarray]]]:
+    """Yield the ordinary ways to ask a trained network: torch, and exported as TorchScript; with cached encoding.
+
+    `pair` is an example of what is asked (2, K, n). Normalisation, which they would need as well, is left out.
+    """
+    parameters, K = model.parameters, pair.shape[1]
+    with torch.inference_mode():
+        codes = model.network.encode(torch.as_tensor(voxels).float()[None]).expand(K, -1)
+
+    def arguments(pair: np.ndarray) -> tuple[torch.Tensor, ...]:
+        masks = draw_masks(rng, K, parameters.dropout_units, parameters.dropout)
+        ends = torch.from_numpy(pair.astype(np.float32))
+        return codes, ends[0], ends[1], torch.from_numpy(masks)
+
+    def asked(network: Any) -> Callable[[np.ndarray], np.ndarray]:
+        def forward(pair: np.ndarray) -> np.ndarray:
+            with torch.inference_mode():
+                return np.asarray(network(*arguments(pair)).numpy())
+
+        return forward
+
+    yield "torch", asked(model.network)
+    with warnings.catch_warnings(), torch.inference_mode():
+        warnings.simplefilter("ignore", DeprecationWarning)  # torch.export would need a compiler at run time
+        exported = torch.jit.freeze(torch.jit.trace(model.network, arguments(pair), check_trace=False))  # type: ignore[no-untyped-call]
+    yield "exported as TorchScript", asked(exported)
 
 
 def _paths(place: Workplace) -> Iterator[_Part]:

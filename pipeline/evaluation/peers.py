@@ -22,7 +22,7 @@ import pandas as pd
 from pipeline.constraints import Constraint
 from pipeline.environments import Environment, Scene, validity
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.statistics import Comparison, Summary, paired_interval, summary, wilson
+from pipeline.evaluation.statistics import Center, Comparison, Summary, paired_interval, summary, wilson
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, AtlasParameters, make_adherence
 from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
@@ -34,7 +34,7 @@ from pipeline.schema import Choice
 
 log = logging.getLogger(__name__)
 OURS, SAME, ORDINARY, OVERRIDDEN = "ours", "ours, OMPL's spacing", "OMPL", "OMPL, project overridden"
-CHARTED = "ours, OMPL's samples"
+CHARTED, NEIGHBOURS = "ours, OMPL's samples", "OMPL, our neighbours"
 SPACING = "OMPL's spacing [m]"
 _AS_IT_IS = ("medians, ours as it is", "p95s, ours as it is")
 PLANNING = (
@@ -44,8 +44,8 @@ PLANNING = (
 PARITY = (
     "planner", SPACING, "adherence", "route", "against", "n",
     "verified: ours", "verified: OMPL", "only ours", "only OMPL", "both", "success: ours [95 % Wilson]",
-    "success: OMPL [95 % Wilson]", "length, both: ours [m]", "length, both: OMPL [m]", "ours - OMPL [m]",
-    "95 % from", "95 % to", "ours / OMPL, problem by problem [95 %]",
+    "success: OMPL [95 % Wilson]", "mean length, both: ours [m]", "mean length, both: OMPL [m]", "ours - OMPL [m]",
+    "95 % from", "95 % to", "ours / OMPL, problem by problem, median [95 %]",
 )  # fmt: skip
 _OWN = (OURS, SAME, CHARTED)
 _PEERS = {"rrtconnect": ("RRTConnect", "RRTConnect"), "fmt": ("FMT*", "FMT")}  # our kind: label, OMPL's name
@@ -215,13 +215,14 @@ def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
 def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
     """Return the columns PARITY: success and length, ours against OMPL at its finest spacing, paired by problem.
 
-    Routes are ours: as it is and, where it was planned, with OMPL's samples. Lengths are medians over the
-    problems that both solved, with the bootstrap interval of their difference, and the
-    median of the ratio problem by problem, which a few problems with long ways cannot move.
+    Routes are ours: as it is and, where it was planned, with OMPL's samples. Lengths are means over the problems that
+    both solved, with the bootstrap interval of their difference, which is the mean of the differences problem by
+    problem; a difference of medians would compare two different problems. Beside it stands the median of the ratio
+    problem by problem, which a few problems with long ways cannot move.
     """
     rows = []
     for planner, delta, adherence, group in _groups(trials[~(trials["delta"] > trials["delta"].min())]):
-        theirs = group[~group["route"].isin(_OWN)].groupby("route", sort=False)
+        theirs = group[~group["route"].isin((*_OWN, NEIGHBOURS))].groupby("route", sort=False)
         for route, (against, part) in itertools.product((OURS, CHARTED), theirs):
             ours = group[group["route"] == route].set_index("problem")
             if ours.empty:
@@ -229,15 +230,15 @@ def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
             other = part.set_index("problem").loc[ours.index]
             x, y = ours["verified"].to_numpy(bool), other["verified"].to_numpy(bool)
             counts = (len(x), x.sum(), y.sum(), (x & ~y).sum(), (~x & y).sum(), (x & y).sum())
-            lengths = [side["path_length"].to_numpy(float)[x & y] for side in (ours, other)]
-            medians = (summary(lengths[0]).median, summary(lengths[1]).median)
-            found = paired_interval(*lengths)
+            own, peer = (side["path_length"].to_numpy(float)[x & y] for side in (ours, other))
+            means = (summary(own).mean, summary(peer).mean)
+            found = paired_interval(own, peer, center=Center.MEAN)
             difference = (found.estimate, found.low, found.high)
-            each = paired_interval(lengths[0] / lengths[1], np.ones(len(lengths[1])), Comparison.RATIO)
+            each = paired_interval(own / peer, np.ones(len(peer)), Comparison.RATIO)
             ratio = f"{each.estimate:.3f} [{each.low:.3f}, {each.high:.3f}]"
             rates = [_rate(int(side.sum()), len(side)) for side in (x, y)]
             names = (planner, delta, adherence, route, str(against))
-            rows.append((*names, *map(int, counts), *rates, *medians, *difference, ratio))
+            rows.append((*names, *map(int, counts), *rates, *means, *difference, ratio))
     return pd.DataFrame(rows, columns=list(PARITY))
 
 
@@ -252,7 +253,7 @@ def goal_lines(table: pd.DataFrame, bounds: Mapping[str, float]) -> list[str]:
         bounds: least ratio of medians by planner; the ratio of the p95s must be at least 1.
     """
     lines = []
-    for row in table[~table["route"].isin(_OWN)].to_dict("records"):
+    for row in table[~table["route"].isin((*_OWN, NEIGHBOURS))].to_dict("records"):
         bound, median, p95 = bounds[row["planner"]], row["ratio of medians"], row["ratio of p95s"]
         as_it_is = [row[name] for name in _AS_IT_IS]
         met = "met" if median >= bound and p95 >= 1 else "not met"
@@ -260,6 +261,29 @@ def goal_lines(table: pd.DataFrame, bounds: Mapping[str, float]) -> list[str]:
             f"{row['planner']} at least {bound:g}x at the median, no worse at p95: {met} ({median:.3g}x, {p95:.3g}x) "
             f"with {row['adherence'].replace('_', ' ')} against {row['route']}, both at {row[SPACING]:g} m, "
             f"n = {row['n']}; ours as it is {as_it_is[0]:.3g}x, {as_it_is[1]:.3g}x"
+        )
+    return lines
+
+
+def parity_lines(table: pd.DataFrame) -> list[str]:
+    """Return one line per row of a parity table for ours as it is: whether it is no worse than OMPL.
+
+    Met is it when ours solves at least as many problems, and the interval of the difference of lengths does not lie
+    above 0.
+
+    Args:
+        table: with the columns PARITY.
+    """
+    lines = []
+    for row in table[table["route"] == OURS].to_dict("records"):
+        solved = row["verified: ours"], row["verified: OMPL"]
+        worse = solved[0] < solved[1] or row["95 % from"] > 0  # no interval, no verdict against ours
+        lines.append(
+            f"{row['planner']} no worse than OMPL in success and path length: {'not met' if worse else 'met'} "
+            f"({solved[0]} and {solved[1]} of {row['n']} verified; {row['ours - OMPL [m]']:+.3g} m "
+            f"[{row['95 % from']:.3g}, {row['95 % to']:.3g}] in the mean, where OMPL's is "
+            f"{row['mean length, both: OMPL [m]']:.3g} m, n = {row['both']}) with "
+            f"{row['adherence'].replace('_', ' ')} against {row['against']}, OMPL at {row[SPACING]:g} m"
         )
     return lines
 
@@ -309,21 +333,31 @@ def _entrants(contest: Contest, constraint: Constraint, validity: Validity) -> I
             for spacing in contest.spacings:
                 delta, problems = spacing.delta, spacing.problems
                 if (adherence, delta) in same:
-                    alike = same[adherence, delta]
-                    yield _Entrant(label, adherence, alike, SAME, delta, problems, planner, sampler)
+                    yield _Entrant(label, adherence, same[adherence, delta], SAME, delta, problems, planner, sampler)
                 for route in routes:
                     search = OmplPlanner(name, kind, _parameters(space, planner, delta, route == OVERRIDDEN))
                     yield _Entrant(label, adherence, space, route, delta, problems, search, sampler)
+                if isinstance(planner, FmtStar):
+                    alike = OmplPlanner(name, kind, _parameters(space, planner, delta, False, neighbours=True))
+                    yield _Entrant(label, adherence, space, NEIGHBOURS, delta, problems, alike, sampler)
                 if isinstance(planner, FmtStar) and isinstance(space.parameters, AtlasParameters) and spacing is finest:
                     charts = ChartSampler(search)
                     yield _Entrant(label, adherence, space, CHARTED, delta, problems, planner, charts)
 
 
-def _parameters(space: Adherence, planner: Planner, delta: float, override: bool) -> OmplParameters:
-    """What both have is ours, the charts' and the number of samples; the rest is OMPL's default, as users have it."""
+def _parameters(
+    space: Adherence, planner: Planner, delta: float, override: bool, neighbours: bool = False
+) -> OmplParameters:
+    """What both have is ours, the charts' and the number of samples; the rest is OMPL's default, as users have it.
+
+    With `neighbours` FMT has as many as ours: both take (2 eta)^D (e / D) log N, OMPL in the ambient dimension.
+    """
     shared: dict[str, Any] = {"delta": delta, "project_override": override, "leap": space.parameters.leap}
     if isinstance(space.parameters, AtlasParameters):
         shared |= {name: getattr(space.parameters, name) for name in ("epsilon", "rho", "alpha", "exploration")}
     if isinstance(planner, FmtStar):
         shared["num_samples"] = planner.samples
+        if neighbours:
+            n, d = space.constraint.n, space.constraint.manifold_dimension
+            shared["radius_multiplier"] = ((2 * planner.radius_multiplier) ** d * n / d) ** (1 / n) / 2
     return OmplParameters(**shared)

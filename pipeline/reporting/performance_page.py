@@ -23,16 +23,17 @@ PLANNING_NOTE = (
     "plans once more with OMPL's spacing, and the ratios against ours as it is stand beside. Success is claimed "
     "by the planner and verified by `pipeline.evaluation.verify`, without margin; lengths are of verified paths. "
     "OMPL has the same constraint, validity checker and time limit, charts with our epsilon, rho, alpha and "
-    "exploration, and as many samples for FMT; range and radius multiplier are its defaults, with which it takes "
-    "67 neighbours of 1000 samples (it counts the ambient dimension) where ours takes 46. Its tangent "
-    "bundle never draws from the first chart, so the start has two. Its charts give FMT a first batch around the "
-    "start and the goal only."
+    "exploration, and as many samples for FMT; range and radius multiplier are its defaults, with which FMT takes more "
+    "neighbours than ours, because it counts the ambient dimension; 'OMPL, our neighbours' has a multiplier that makes "
+    "them equal, and is not held against the goals. OMPL's own epsilon, 0.05 m, would make fewer charts. Its tangent "
+    "bundle never draws from the first chart, so the start has two. 'Ours, OMPL's samples' has OMPL's drawing of the "
+    "samples in its time."
 )
 PARITY_NOTE = (
-    "Lengths are medians over the problems that both solved, their difference with its paired bootstrap interval, and "
-    "the median of the ratio problem by problem with its own. In charts OMPL's FMT has its samples around the start "
-    "and the goal, ours as many on the whole manifold: ours with OMPL's samples has a first batch drawn by OMPL, so "
-    "that what differs is the planner."
+    "Lengths are means over the problems that both solved, their difference with its paired bootstrap interval, and "
+    "the median of the ratio problem by problem with its own. In charts OMPL's FMT has its first batch around the "
+    "start and the goal, ours the share `around` of conf/sampler/uniform.yaml: ours with OMPL's samples has a first "
+    "batch drawn by OMPL, so that what differs is the planner."
 )
 SCALING_NOTE = (
     "The numbers of workers take turns, each round a part of the work. The speed-up is that of start and work; "

@@ -15,6 +15,7 @@ from pipeline.evaluation.bench import Bench
 from pipeline.evaluation.costs import PARTS, SCALING, scaling_lines, times_us
 from pipeline.evaluation.peers import (
     CHARTED,
+    NEIGHBOURS,
     ORDINARY,
     OURS,
     OVERRIDDEN,
@@ -22,10 +23,14 @@ from pipeline.evaluation.peers import (
     PLANNING,
     SAME,
     SPACING,
+    _parameters,
     goal_lines,
+    parity_lines,
     parity_table,
     planning_table,
 )
+from pipeline.planners import FmtStar
+from tests.manifolds.spaces import sphere_space
 
 ROOT = Path(__file__).parents[2]
 SMALL = (
@@ -123,9 +128,9 @@ def test_parts(tables):
     expected = [*walks, "validity, free", "validity, colliding", "validity, 15 along 0.3 m at once"]
     expected += ["validity, 32 in one call"]
     expected += ["projection of a random configuration", "projection of 32 random configurations", "scene encoding"]
-    expected += ["network sample, K = 1"] * 2
-    for K in (32, 100):
-        expected += [f"network sample, K = {K}"] * 2 + [f"network sample, K = {K}, in single precision"]
+    for K in (1, 32, 100):
+        ways = ("in single precision", "torch", "exported as TorchScript")[K == 1 :]
+        expected += [f"network sample, K = {K}"] * 2 + [f"network sample, K = {K}, {way}" for way in ways]
     expected += ["refine", "verifier"]
     assert list(parts["part"]) == expected
     values = parts[["n", "median [us]", "p95 [us]"]].astype(float)
@@ -143,11 +148,12 @@ def test_planning(tables, planner, delta, n):
     assert tuple(table.columns) == PLANNING[2:]
     finest_fmt = planner == "FMT*" and delta == 0.02
     expected = [*ROUTES, *((adherence, CHARTED) for adherence in ("atlas", "tangent_bundle") if finest_fmt)]
+    expected += [(adherence, NEIGHBOURS) for adherence in ADHERENCES if planner == "FMT*"]
     assert sorted(zip(table["adherence"], table["route"], strict=True)) == sorted(expected)
     assert set(table["n"]) == {str(n)}
     for _, rows in table.groupby("adherence"):
         ours, same = (rows[rows["route"] == route].iloc[0] for route in (OURS, SAME))
-        for row in rows[rows["route"].isin(OMPLS)].to_dict("records"):
+        for row in rows[rows["route"].isin((*OMPLS, NEIGHBOURS))].to_dict("records"):
             for of, ratio, rival in (
                 ("median", "ratio of medians", same),
                 ("p95", "ratio of p95s", same),
@@ -270,8 +276,40 @@ def test_failures_count_in_times_and_not_in_lengths():
     assert [row[name] for name in ("n", "only ours", "only OMPL", "both")] == [3, 1, 0, 2]
     assert row["success: ours [95 % Wilson]"] == "100 % [43.9, 100]"
     assert row["success: OMPL [95 % Wilson]"] == "66.7 % [20.8, 93.9]"
-    assert row["ours / OMPL, problem by problem [95 %]"].startswith("2.056 [2.000, 2.")  # 2.0 / 1.0 and 1.9 / 0.9
-    assert row["ours - OMPL [m]"] == pytest.approx(1.0) and row["length, both: ours [m]"] == pytest.approx(1.95)
+    ratio = row["ours / OMPL, problem by problem, median [95 %]"]
+    assert ratio.startswith("2.056 [2.000, 2.")  # 2.0 / 1.0 and 1.9 / 0.9
+    assert row["ours - OMPL [m]"] == pytest.approx(1.0) and row["mean length, both: ours [m]"] == pytest.approx(1.95)
+
+
+@pytest.mark.parametrize(
+    ("longer", "solved", "verdict"),
+    [((0.3, 0.2, 0.1, 0.2), 4, "not met"), ((0.3, -0.2, 0.1, -0.1), 4, "met"), ((-0.1,) * 4, 3, "not met")],
+)
+def test_parity_line(longer, solved, verdict):
+    """Longer beyond chance or solving less is worse than OMPL; longer within the interval of the mean is not.
+
+    Lengths are compared problem by problem: these problems differ a hundred times as much as the planners do.
+    """
+    theirs = np.array([1.0, 30.0, 2.0, 40.0])
+    rows = [
+        {"problem": i, "planner": "FMT*", "adherence": "atlas", "route": route, "delta": delta, "claimed": True,
+         "verified": passed, "planning_time": 1.0, "path_length": length if passed else np.nan}
+        for route, delta, lengths, count in ((OURS, np.nan, theirs + longer, solved), (ORDINARY, 0.05, theirs, 4))
+        for i, length in enumerate(lengths)
+        for passed in [i < count]
+    ]  # fmt: skip
+    (line,) = parity_lines(parity_table(pd.DataFrame(rows)))
+    assert f"path length: {verdict} ({solved} and 4 of 4 verified; {np.mean(longer[:solved]):+.3g} m [" in line
+    assert line.endswith(f"n = {solved}) with atlas against OMPL, OMPL at 0.05 m")
+
+
+def test_as_many_neighbours_as_ours():
+    """The multiplier of the row with our neighbours makes OMPL's (2 eta)^n e / n, of ambient n, ours of dimension d."""
+    space = sphere_space("atlas")
+    for eta in (0.9, 1.1):
+        found = _parameters(space, FmtStar(radius_multiplier=eta), 0.05, False, neighbours=True).radius_multiplier
+        assert (2 * found) ** 3 / 3 == pytest.approx((2 * eta) ** 2 / 2)
+        assert _parameters(space, FmtStar(radius_multiplier=eta), 0.05, False).radius_multiplier == 1.1
 
 
 def test_ours_is_compared_on_the_problems_of_each_spacing():

@@ -93,7 +93,9 @@ def test_samples_around_configurations(method):
     near = (np.linalg.norm(samples[:, None] - heights[:, :, None] * ends, axis=2) <= radius + 1e-9) & (heights > 0)
     assert near[:500, 0].all() and near[500:, 1].all()
     distances = np.linalg.norm(samples[:500] - heights[:500, :1] * ends[0], axis=1)
-    np.testing.assert_allclose(np.quantile(distances, [0.25, 0.5, 0.75]), radius * np.sqrt([0.25, 0.5, 0.75]), atol=0.03)
+    np.testing.assert_allclose(
+        np.quantile(distances, [0.25, 0.5, 0.75]), radius * np.sqrt([0.25, 0.5, 0.75]), atol=0.03
+    )
     assert np.abs(np.linalg.norm(samples, axis=1) - 1).max() < 1e-3
 
 

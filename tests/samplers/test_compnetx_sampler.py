@@ -126,7 +126,7 @@ def test_without_calls_of_the_network_it_is_the_uniform_sampler(network, method)
 
 @pytest.mark.parametrize("method", METHODS)
 def test_first_batch_is_the_networks_then_classical(network, method):
-    """Of a first batch the network answers as usual; what comes after is the uniform sampler's first batch, and counted."""
+    """Of a first batch the network answers its calls; the rest is the uniform sampler's first batch, and counted."""
     sampler, current = started(network, method, seed=5, n_ismp=1), np.eye(3)[[0, 2] * 15]
     learned = sampler.first(current, current[::-1])
     assert sampler.counters.network_calls == 1 and sampler.counters.fallback_samples == 0
