@@ -4,7 +4,7 @@ import copy
 import importlib
 import re
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from pipeline.planners import PLANNERS
 from pipeline.profile import BenchmarkScale, ChoicesScale, ScenesScale, TrainScale
 from pipeline.robots import ROBOTS, Validity, point_robot
 from pipeline.samplers.choices import Learned, make_sampler
+from pipeline.samplers.uniform import UniformParameters
 from pipeline.schema import Choice
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
@@ -253,3 +254,9 @@ def test_thickness_of_the_shell_is_a_number():
     """A shell whose thickness is NaN, which would leave every voxel grid empty, is refused."""
     with pytest.raises(ConfigError, match="shell"):
         convert_all("voxels", compose("voxels", ["perception.voxels.shell=[1.0,nan]"]))
+
+
+def test_fallback_is_the_classical_sampler():
+    """What the learned sampler falls back to has the parameters that the classical one is configured with."""
+    given = OmegaConf.to_container(OmegaConf.load(CONF / "sampler" / "uniform.yaml"))
+    assert asdict(UniformParameters()) == {**given["parameters"], "directions": False}

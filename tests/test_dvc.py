@@ -5,8 +5,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,16 +59,20 @@ def commit(folder: Path) -> None:
     call(folder, "git", "-c", "user.name=test", "-c", "user.email=test@localhost", "commit", "-qm", "state")
 
 
-def call(folder: Path, *command: str) -> str:
-    """Run a command in a copy with the interpreter of the tests; return what it printed."""
-    environment = {
+def environment(folder: Path) -> dict[str, str]:
+    """Return the environment variables in which commands run in a copy with the interpreter of the tests."""
+    return {
         # A hook of git's may have set which repository to work on: never from here.
         **{name: value for name, value in os.environ.items() if not name.startswith("GIT_")},
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "PYTHONPATH": str(folder),
         "DVC_SITE_CACHE_DIR": str(folder.parent / "site"),
     }
-    done = subprocess.run(command, cwd=folder, env=environment, text=True, capture_output=True)
+
+
+def call(folder: Path, *command: str) -> str:
+    """Run a command in a copy; return what it printed."""
+    done = subprocess.run(command, cwd=folder, env=environment(folder), text=True, capture_output=True)
     assert done.returncode == 0, f"{' '.join(command)}: {done.stdout[-3000:]}{done.stderr[-3000:]}"
     return done.stdout + done.stderr
 
@@ -447,3 +453,39 @@ def test_one_number_reruns_what_reads_it(smoke):
     with np.load(out / "samples.npz") as clouds:
         assert {clouds[name].shape for name in clouds.files if "*" in name} == {(30, 3)}
     assert set(changed(folder)) == {"report"}
+
+
+@pytest.mark.slow
+def test_killed_in_every_stage_it_ends_the_same(smoke):
+    """Killed once in each stage and repeated, `dvc repro` writes what the unbroken run wrote, and pages that stand."""
+    folder, _ = smoke
+    call(folder, "dvc", "repro")
+    made = [folder / "artifacts/smoke" / stage for stage in ("scenes", "demonstrations", "voxels", "train")]
+
+    def written() -> dict[str, bytes]:
+        paths = [path for stage in made for path in stage.rglob("*") if path.is_file() and "timing" not in path.name]
+        return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+    before = written()
+    assert {Path(name).name for name in before} >= {"scenes.parquet", "paths.parquet", "voxels.npz", "model.pt"}
+    for name in ("artifacts/smoke", "scratch"):
+        shutil.rmtree(folder / name)
+    (folder / "dvc.lock").unlink()
+    repeated = ["dvc", "repro", "--no-run-cache"]  # otherwise DVC takes the outputs from its cache
+    for stage in ("scenes", "demonstrations", "voxels", "train", "benchmark", "choices", "report"):
+        asked = [*repeated, stage if stage == "report" else f"{stage}@sphere"]
+        with subprocess.Popen(
+            asked, cwd=folder, env=environment(folder), text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            start_new_session=True,
+        ) as process:  # fmt: skip
+            running = next(line for line in process.stdout if line.startswith("Running stage"))
+            assert stage in running  # those before it are done
+            end = time.monotonic() + 2.0  # those without a scratch folder are importing or working by then
+            while not list((folder / "scratch" / stage).rglob("*.*")) and time.monotonic() < end:
+                time.sleep(0.01)
+            os.killpg(process.pid, signal.SIGKILL)
+        again = ran(call(folder, *asked))
+        assert again == [stage] or (again == [] and stage in ("scenes", "voxels"))  # which take hardly longer
+    assert written() == before
+    assert changed(folder) == {}
+    assert (folder / "artifacts/smoke/report/sphere.md").is_file()

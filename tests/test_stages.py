@@ -357,3 +357,19 @@ def test_killed_demonstrations_continue(chain, tmp_path):
 def shards(folder: Path) -> dict[str, int]:
     """Return the finished shards of demonstrations and when each was written."""
     return {path.name: path.stat().st_mtime_ns for path in folder.glob("scratch/demonstrations/*/*.parquet")}
+
+
+def test_a_sweep_ends_in_a_table(chain, tmp_path):
+    """A multirun over two values of one parameter, from the command line, ends in a table with a row for each."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    settings = [s for s in (*TINY, *STAGE["train"]) if not s.startswith("profile.benchmark")]
+    swept = "method.planner.parameters.samples=20,30"
+    script = str(ROOT / "stages" / "tune.py")
+    done = subprocess.run(
+        [sys.executable, script, "-m", *settings, "problems_per_scene=2", swept],
+        cwd=tmp_path, env=ENVIRONMENT, text=True, capture_output=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    (table,) = (tmp_path / "multirun").rglob("table.csv")
+    found = pd.read_csv(table)
+    assert sorted(found["method.planner.parameters.samples"]) == [20, 30] and list(found["n"]) == [2, 2]
