@@ -172,6 +172,9 @@ class Recorder(UniformSampler):
         self.asked.append((current.copy(), target.copy()))
         return super().sample(current, target)
 
+    def first(self, current, target):
+        return self.sample(current, target)
+
 
 @pytest.mark.parametrize("planner", [Rrt(), RrtConnect(), FmtStar(samples=100)], ids=lambda p: type(p).__name__)
 def test_informed_samplers_are_asked_from_the_tree(planner):
