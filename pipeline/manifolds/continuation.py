@@ -12,7 +12,7 @@ from pipeline.robots import Validity
 
 _SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over the first of them
 _SAMPLE_GROWTH = 4  # samples of a block that get a chart: enough to spread, more cost a fifth of a plan
-_SAMPLE_ROUNDS = 50  # blocks in a row that may bring nothing before sampling gives up
+_SAMPLE_ROUNDS = 50  # blocks that are drawn, and one more for every 8 samples, before sampling gives up
 _LIFT_BLOCK = 256  # lifted together where the atlas does not grow in between: half the price of four small blocks
 
 
@@ -128,13 +128,15 @@ class ContinuationAdherence(Adherence):
 
         Raises no error when the atlas cannot be sampled: fewer rows come back.
         """
-        found, barren = np.empty((0, self.dimension)), 0
-        while len(found) < count and len(self.atlas) and barren < _SAMPLE_ROUNDS:
+        found = np.empty((0, self.dimension))
+        for _ in range(_SAMPLE_ROUNDS + count // 8 if len(self.atlas) else 0):
             size = min(_SAMPLE_BLOCK, count - len(found))
+            if not size:
+                break
             Q = self._drawn(rng, rng.integers(len(self.atlas), size=size))
             for q in Q[:_SAMPLE_GROWTH]:
                 self._chart_at(q)
-            found, barren = np.concatenate([found, Q]), 0 if len(Q) else barren + 1
+            found = np.concatenate([found, Q])
         return found
 
     def sample_around(self, rng: np.random.Generator, Q: np.ndarray) -> np.ndarray:
