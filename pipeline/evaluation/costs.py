@@ -295,7 +295,7 @@ def _alternatives(
 
     yield "torch", asked(model.network)
     with warnings.catch_warnings(), torch.inference_mode():
-        warnings.simplefilter("ignore", DeprecationWarning)  # torch.export would need a compiler at run time
+        warnings.simplefilter("ignore", DeprecationWarning)  # TorchScript is deprecated, not gone
         exported = torch.jit.freeze(torch.jit.trace(model.network, arguments(pair), check_trace=False))  # type: ignore[no-untyped-call]
     yield "exported as TorchScript", asked(exported)
 

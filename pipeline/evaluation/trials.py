@@ -67,8 +67,8 @@ def run_trials(
     """Run all methods with all adherences on the problems of one scene.
 
     A method plans all of them, after one plan that is not counted, before the next one comes: what it alone needs is
-    in the caches then, as where one plans with one method. (On a virtual machine, reading 2.5 MB that were not touched
-    for 0.3 s took 5 ms instead of 0.1.) There are few problems in a shard, so that drift of the machine hits all alike.
+    in the caches then, as where one plans with one method. There are few problems in a shard, so that drift of the
+    machine hits all alike.
 
     Columns: environment, scenario, scene, problem, method, planner, sampler, adherence, seed, status, claimed, solved
     (verified), rejection (the verifier's sentence), planning_time [s], network_time [s], path_length [m], iterations,

@@ -227,10 +227,9 @@ def _tails(trials: pd.DataFrame, settings: Mapping[str, Mapping[str, Mapping[str
     if not said:
         return []
     reason = (
-        "Why the ratio of the means is not that of the medians, nor the paper's: a first batch that is smaller, or "
-        "that lies along the expected way, is planned in less time and more often does not reach the goal. What "
-        "follows then is classical sampling for both, and costs both alike. In the paper the classical FMT\\* needs a "
-        "second or two, so that what the learned samples save of it counts for more."
+        "Why the ratio of the means is not that of the medians: a smaller first batch is planned in less time and more "
+        "often does not reach the goal; what follows then is classical sampling for both. Whether the network is worth "
+        "more than a smaller batch of classical samples is asked below, at equal N_init."
     )
     return [reason, "\n".join(said)]
 
