@@ -142,7 +142,7 @@ class ChartSampler(UniformSampler):
     def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return OMPL's samples that can be projected (m, n)."""
         drawn = self.peer.samples(self.problem, len(current), int(self.rng.integers(2**31)))
-        found, self.answered = self.adherence.project_rows(drawn)
+        found = self.adherence.project(drawn)
         self.counters.samples += len(found)
         return found
 

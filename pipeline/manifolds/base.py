@@ -240,16 +240,11 @@ class Adherence(ABC):
 
     def project(self, Q: np.ndarray) -> np.ndarray:
         """Project rows of Q (N, n) and return those that converged within bounds (m, n)."""
-        return self.project_rows(Q)[0]
-
-    def project_rows(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project rows of Q (N, n); return those that converged within bounds (m, n), and which they are (m,)."""
         self.counters.projections += len(Q)
         X, converged = self.constraint.project_batch(Q)
         with np.errstate(invalid="ignore"):
             inside = ((X >= self.lower) & (X <= self.upper)).all(axis=1)
-        rows = np.flatnonzero(converged & inside)
-        return X[rows], rows
+        return X[converged & inside]
 
     def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tell of edges, rows of q_from and q_to (m, n), whether they look free (m,), and how long they are (m,).

@@ -115,11 +115,10 @@ class FmtStar(Planner):
             barren = 0 if free.any() else barren + 1
             found += list(proposals[free])
             if sampler.informed:
-                rows = sampler.answered
-                onward = free & (np.linalg.norm(proposals - targets[rows], axis=1) > self.arrive)
-                ended = np.setdiff1d(np.arange(K), rows[onward])
+                current = sampler.onward.copy()
+                ended = np.flatnonzero(np.linalg.norm(current - targets, axis=1) <= self.arrive)
                 spread = self._random_free(space, sampler, len(ended), clock)
-                current[rows[onward]], current[ended[: len(spread)]] = proposals[onward], spread
+                current[ended[: len(spread)]] = spread
         return np.array(found[: self.samples])
 
     def _random_free(self, space: Adherence, sampler: Sampler, count: int, clock: Clock) -> np.ndarray:

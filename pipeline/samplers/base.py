@@ -13,15 +13,16 @@ class Sampler(ABC):
     Attributes:
         batch: K, how many configurations a batch planner should ask for at a time.
         lands: whether proposals are on the manifold, as `sample` says; where not, a planner may only walk towards them.
-        answered: of the last call, which rows of `current` and `target` its samples belong to (m,).
         informed: whether proposals depend on `current` and `target`, which may end; otherwise a planner need not select
             them, and may ask for more than K.
+        onward: of the last call of an informed sampler, where a chain of samples goes on from, for each row of
+            `current` (K, n); near the manifold, not checked for collision.
     """
 
     batch: int = 1
     lands: bool = True
     informed: bool = False
-    answered: np.ndarray
+    onward: np.ndarray
 
     def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:
         """Bind to a problem: the manifold to sample, the problem's own random stream, the scene to condition on."""
@@ -34,10 +35,10 @@ class Sampler(ABC):
 
     @abstractmethod
     def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Return at most K configurations on the manifold (m, n) for K current and K target ones (K, n) each.
+        """Return configurations on the manifold (m, n) for K current and K target ones (K, n) each.
 
-        Fewer than K where a proposal could not be brought onto the manifold within the bounds; collisions are not
-        checked here.
+        At most K, of a sampler with several points per proposal at most so many times K; fewer where some could not be
+        brought onto the manifold within the bounds. Collisions are not checked here.
         """
 
     def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:

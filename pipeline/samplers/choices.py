@@ -1,30 +1,17 @@
 """Samplers by name. Apart from the package's front door, so that classical planning does not load torch."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ConfigError, require
+from pipeline.errors import ConfigError
 from pipeline.learning import CompnetxNetwork
 from pipeline.samplers.base import Sampler
-from pipeline.samplers.compnetx import CompnetxSampler
+from pipeline.samplers.compnetx import CompnetxParameters, CompnetxSampler
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
 from pipeline.schema import Choice
-
-
-@dataclass(frozen=True)
-class CompnetxParameters:
-    """See `CompnetxSampler`."""
-
-    batch: int = 20
-    n_ismp: int = 500
-
-    def __post_init__(self) -> None:
-        require("sampler.batch", self.batch, at_least=1)
-        require("sampler.n_ismp", self.n_ismp, at_least=0)
-
 
 _PARAMETERS: dict[str, Any] = {"uniform": UniformParameters, "compnetx": CompnetxParameters}
 
@@ -57,4 +44,4 @@ def make_sampler(choice: Choice, learned: Learned | None = None) -> Sampler:
         return UniformSampler(parameters.batch, parameters.block, parameters.around, parameters.directions)
     if learned is None:
         raise ConfigError(f"sampler {choice.kind!r} needs a trained network: run the train stage")
-    return CompnetxSampler(learned.network, learned.voxels, parameters.batch, parameters.n_ismp)
+    return CompnetxSampler(learned.network, learned.voxels, **asdict(parameters))

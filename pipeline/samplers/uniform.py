@@ -53,15 +53,13 @@ class UniformSampler(Sampler):
             fresh = draw(self.rng, max(self.block, count - len(self._drawn)))
             self._drawn = np.concatenate([self._drawn, fresh])
         found, self._drawn = self._drawn[:count], self._drawn[count:]
-        return self._handed_out(found)
+        self.counters.samples += len(found)
+        return found
 
     def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return up to K samples of the manifold (m, n), the share `around` of them around `current`."""
         near = round(self.around * len(current))
         close = self.adherence.sample_around(self.rng, current[:near])
-        return self._handed_out(np.concatenate([close, self.adherence.sample(self.rng, len(current) - near)]))
-
-    def _handed_out(self, found: np.ndarray) -> np.ndarray:
-        self.answered = np.arange(len(found))
+        found = np.concatenate([close, self.adherence.sample(self.rng, len(current) - near)])
         self.counters.samples += len(found)
         return found

@@ -29,8 +29,10 @@ def network() -> CompnetxNetwork:
     return CompnetxNetwork(Model(sizes, Normalisation((-1.5,) * 3, (1.5,) * 3), weights))
 
 
-def started(network, method="projection", seed=0, batch=20, n_ismp=500, scene="kitchen", **space) -> CompnetxSampler:
-    sampler = CompnetxSampler(network, VOXELS, batch, n_ismp)
+def started(
+    network, method="projection", seed=0, batch=20, n_ismp=500, scene="kitchen", points=1, spread=0.0, **space
+) -> CompnetxSampler:
+    sampler = CompnetxSampler(network, VOXELS, batch, n_ismp, points, spread)
     sampler.start(begun(method, **space), np.random.default_rng(seed), scene)
     return sampler
 
@@ -70,19 +72,42 @@ def test_samples_are_the_projected_proposals(network):
     np.testing.assert_allclose(found, proposals / np.linalg.norm(proposals, axis=1)[:, None], atol=1e-3)
 
 
-def test_which_pairs_were_answered(network):
-    """Below a ceiling some proposals are dropped: the sampler tells to which pairs the others belong, and so does the
-    classical sampler after it."""
-    sampler = started(network, seed=4, upper=(1.5, 1.5, 0.2), n_ismp=1)
+def test_chains_go_on_from_the_proposals(network):
+    """Where a chain of samples goes on from are the proposals as they come, a row for each pair, dropped or not."""
+    sampler = started(network, seed=4, upper=(1.5, 1.5, 0.2), points=3, spread=0.1)
     found = ask(sampler, 20)
     rng = np.random.default_rng(1)
     proposals = network.sample("kitchen", on_sphere(rng, 20), on_sphere(rng, 20), np.random.default_rng(4))
-    directions = proposals / np.linalg.norm(proposals, axis=1)[:, None]
-    assert 0 < len(found) < 20
-    np.testing.assert_array_equal(sampler.answered, np.flatnonzero(directions[:, 2] <= 0.2))
-    np.testing.assert_allclose(found, directions[sampler.answered], atol=1e-3)
-    classical = ask(sampler, 20)
-    assert sampler.answered.tolist() == list(range(len(classical)))
+    assert (proposals[:, 2] > 0.2 * np.linalg.norm(proposals, axis=1)).any() and 0 < len(found) < 60
+    np.testing.assert_array_equal(sampler.onward, proposals)
+
+
+def test_points_lie_on_the_way_to_the_proposals(network):
+    """Of five points per proposal, without spread, one is the proposal and four lie on the straight line to it from the
+    current configuration, anywhere between; all are projected."""
+    sampler, rng = started(network, seed=4, points=5), np.random.default_rng(1)
+    current, target = on_sphere(rng, 20), on_sphere(rng, 20)
+    found = sampler.sample(current, target)
+    assert found.shape == (100, 3) and sampler.counters.network_calls == 1 and sampler.counters.samples == 100
+    ends = sampler.onward / np.linalg.norm(sampler.onward, axis=1)[:, None]
+    np.testing.assert_allclose(found[:20], ends, atol=1e-3)
+    full = np.arccos(np.clip((current * ends).sum(axis=1), -1, 1))
+    for between in found[20:].reshape(4, 20, 3):
+        there, back = (np.arccos(np.clip((between * other).sum(axis=1), -1, 1)) for other in (current, ends))
+        np.testing.assert_allclose(there + back, full, atol=5e-3)  # on the great circle of both, between them
+        assert np.ptp(there / full) > 0.5
+
+
+def test_spread_is_what_is_added(network):
+    """What is added to the proposals has the asked standard deviation in each coordinate, and no direction."""
+    sampler = started(network, points=1, spread=0.05)
+    added = []
+    sampler.adherence.project = lambda Q: added.append(Q - sampler.onward) or Q
+    for seed in range(100):
+        ask(sampler, 20, seed)
+    together = np.concatenate(added)  # (2000, 3): five standard errors
+    np.testing.assert_allclose(together.std(axis=0), 0.05, atol=5 * 0.05 / 4000**0.5)
+    np.testing.assert_allclose(together.mean(axis=0), 0, atol=5 * 0.05 / 2000**0.5)
 
 
 def test_equal_seeds_give_equal_samples(network):
@@ -174,12 +199,19 @@ def test_voxels_of_another_size_are_refused(network):
 
 
 @pytest.mark.parametrize(
-    ("batch", "n_ismp", "said"), [(0, 1, "batch is 0; it must be at least 1"), (1, -1, "n_ismp is -1")]
+    ("name", "value", "said"),
+    [
+        ("batch", 0, "0; it must be at least 1"),
+        ("n_ismp", -1, "-1"),
+        ("points", 0, "0; it must be at least 1"),
+        ("spread", -0.1, "-0.1"),
+        ("spread", np.nan, "nan"),
+    ],
 )
-def test_wrong_parameters_are_refused(network, batch, n_ismp, said):
-    """A batch of none, or a negative number of calls, is refused with its name and value."""
-    with pytest.raises(ConfigError, match=rf"sampler\.{said}"):
-        CompnetxSampler(network, VOXELS, batch, n_ismp)
+def test_wrong_parameters_are_refused(network, name, value, said):
+    """A batch of none, a negative number of calls, no points or a negative spread is refused with name and value."""
+    with pytest.raises(ConfigError, match=rf"sampler\.{name} is {said}"):
+        CompnetxSampler(network, VOXELS, **{"batch": 1, "n_ismp": 1, name: value})
 
 
 def test_samplers_by_name(network):
@@ -187,8 +219,9 @@ def test_samplers_by_name(network):
     learned = Learned(network, VOXELS)
     uniform = make_sampler(Choice("uniform", {"batch": 5, "block": 6}))
     assert isinstance(uniform, UniformSampler) and (uniform.batch, uniform.block) == (5, 6) and not uniform.informed
-    made = make_sampler(Choice("compnetx", {"batch": 7, "n_ismp": 8}), learned)
-    assert isinstance(made, CompnetxSampler) and (made.batch, made.n_ismp) == (7, 8) and made.informed
+    made = make_sampler(Choice("compnetx", {"batch": 7, "n_ismp": 8, "points": 2, "spread": 0.3}), learned)
+    assert isinstance(made, CompnetxSampler) and made.informed
+    assert (made.batch, made.n_ismp, made.points, made.spread) == (7, 8, 2, 0.3)
     assert made.network is network and made.voxels is VOXELS
     with pytest.raises(ConfigError, match="sampler 'compnetx' needs a trained network: run the train stage"):
         make_sampler(Choice("compnetx"))

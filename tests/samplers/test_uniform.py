@@ -87,7 +87,6 @@ def test_first_batch_around_current(method, share):
     sampler.start(space, np.random.default_rng(9), None)
     samples = sampler.first(ends, ends[::-1])
     assert samples.shape == (1000, 3) and sampler.counters.samples == 1000
-    np.testing.assert_array_equal(sampler.answered, np.arange(1000))
     heights = (samples * ends).sum(axis=1)  # over the tangent plane of the end that was given
     within = (np.sqrt(1 - np.minimum(heights, 1) ** 2) <= 0.3 / 0.5**0.5 + 1e-3) & (heights > 0)
     near = round(share * 1000)
