@@ -1,6 +1,6 @@
 """CoMPNetX at planning time: one small matrix product after the other, in numpy, or narrower where that is faster.
 
-A planner asks for one sample (RRTConnect) or a hundred (FMT*) at a time. Median time of a call on one core of a Xeon
+A planner asks for one sample (RRTConnect) or twenty (FMT*) at a time. Median time of a call on one core of a Xeon
 (AVX-512, AMX, 2 MB of second-level cache), in microseconds, dropout included:
 
 | K | numpy | torch eager | TorchScript | the same, optimised, masks from numpy | numpy, products in tiles |
