@@ -13,6 +13,7 @@ from pipeline.constraints.conditions import Condition
 from pipeline.constraints.poses import intersection, position
 from pipeline.errors import ConstraintError, require
 from pipeline.robots import Robot
+from pipeline.robots.bending import centre_of_mass_bend
 
 
 def feet_on_ground(robot: Robot, feet: Mapping[str, Sequence[float]], **settings: Any) -> Constraint:
@@ -56,6 +57,6 @@ def balanced(robot: Robot, contacts: Sequence[Sequence[float]], margin: float = 
     q = ca.SX.sym("q", robot.dimension)
     com = robot.symbolic_centre_of_mass(q)
     slack = -(ca.DM(normals) @ com[:2] + ca.DM(offsets)) - margin
-    return Condition(
-        "balance", q, slack, [f"centre of mass inside edge {i} of the support polygon [m]" for i in range(len(normals))]
-    )
+    rows = [f"centre of mass inside edge {i} of the support polygon [m]" for i in range(len(normals))]
+    # A row is a distance along a unit vector: it bends no more than the centre of mass.
+    return Condition("balance", q, slack, rows, centre_of_mass_bend(robot))

@@ -155,11 +155,15 @@ class Constraint:
             found[first : first + self._block] = self._value_block.evaluate()[0].reshape(-1, self.k)[: len(block)]
         return found
 
-    def project_batch(self, Q: np.ndarray, iterations: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def project_batch(
+        self, Q: np.ndarray, iterations: int | None = None, tolerance: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Project every row of Q (N, n) by Algorithm 1; return the configurations (N, n) and which converged (N,).
 
-        Takes at most `iterations` steps, `max_iterations` unless given.
+        Takes at most `iterations` steps, `max_iterations` unless given, until ||F|| is below `tolerance`, the
+        constraint's own unless given.
         """
+        squared = (self.tolerance if tolerance is None else tolerance) ** 2
         most = self.max_iterations if iterations is None else iterations
         Q = np.array(Q, float)
         converged = np.zeros(len(Q), bool)
@@ -170,7 +174,7 @@ class Constraint:
             block.arguments[0][:count] = Q[rows]
             for iteration in range(most + 1):
                 following, violation = block.evaluate()
-                done = violation.reshape(-1)[:count] < self.tolerance**2
+                done = violation.reshape(-1)[:count] < squared
                 if done.all() or iteration == most:
                     break
                 block.arguments[0][:count] = np.where(done[:, None], block.arguments[0][:count], following[:count])

@@ -1,6 +1,6 @@
 """Conditions g(q) >= 0 that hold on a side of a boundary, not on a manifold: checked where collisions are checked."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 
 import casadi as ca
@@ -8,6 +8,8 @@ import numpy as np
 
 from pipeline.constraints.compiled import compiled
 from pipeline.errors import ConstraintError
+
+_HALVINGS = 8  # of a chord at most: what is left to prove falls to a quarter each time
 
 
 class Condition:
@@ -18,21 +20,35 @@ class Condition:
         q: the configuration symbol (n, 1).
         expression: g as an expression of q (k, 1).
         labels: what each row says (k,).
+        bend: bounds |g''| of every row along chords with steps dq (C, n), as (C,); None where no bound is known: then
+            chords are looked at in their ends and their middle only.
 
     Raises:
         ConstraintError: free symbols other than q, or another number of labels than rows.
     """
 
-    def __init__(self, name: str, q: ca.SX, expression: ca.SX, labels: Sequence[str]) -> None:
+    def __init__(
+        self,
+        name: str,
+        q: ca.SX,
+        expression: ca.SX,
+        labels: Sequence[str],
+        bend: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
         free = [str(s) for s in ca.symvar(expression) if not ca.depends_on(q, s)]
         if free:
             raise ConstraintError(f"condition {name!r} depends on symbols other than its configuration: {free}")
         if len(labels) != expression.numel():
             raise ConstraintError(f"condition {name!r} has {expression.numel()} rows and {len(labels)} labels")
         self.name, self.labels, self.n = name, tuple(labels), q.numel()
-        self._margin = 0.0
+        self._margin, self._bend = 0.0, bend
         self._least = compiled("least", [q], [ca.mmin(expression)])
         self._slack = compiled("g", [q], [ca.vec(expression)])
+
+    @property
+    def proven(self) -> bool:
+        """True when `first_gap` looks at all of a chord, not only at points of it."""
+        return self._bend is not None
 
     def kept(self, margin: float) -> "Condition":
         """Return the same condition, met only where every row is at least `margin`."""
@@ -47,3 +63,40 @@ class Condition:
     def slack(self, q: np.ndarray) -> np.ndarray:
         """Return g(q) (k,)."""
         return self._slack(q)[0].copy()
+
+    def first_gap(self, states: np.ndarray) -> int | None:
+        """Return the first i for which g >= 0 does not hold all along the chord from states[i] to states[i + 1].
+
+        Without the margin. On a chord g is at least the smaller value at its ends less an eighth of |g''|; a chord that
+        this does not prove is halved.
+
+        Args:
+            states: of a path (T, n).
+        """
+        least = np.array([self._least(q)[0][0] for q in states])
+        steps = np.diff(states, axis=0)
+        sags = (np.zeros(len(steps)) if self._bend is None else self._bend(steps)) / 8
+        low = np.minimum(least[:-1], least[1:])
+        if self._bend is None:
+            middles = np.array([self._least(q)[0][0] for q in states[:-1] + steps / 2])
+            failing = np.flatnonzero(~(np.minimum(low, middles) >= 0))
+            return int(failing[0]) if len(failing) else None
+        for i in np.flatnonzero(~(low >= sags)):
+            if not self._holds_along(states[i], steps[i], least[i], least[i + 1], sags[i], _HALVINGS):
+                return int(i)
+        return None
+
+    def _holds_along(
+        self, q: np.ndarray, step: np.ndarray, begin: float, end: float, sag: float, halvings: int
+    ) -> bool:
+        """Tell whether g >= 0 is proven from q to q + step (n,), with g's least rows at both ends given."""
+        if not min(begin, end) >= 0:
+            return False
+        if min(begin, end) >= sag:
+            return True
+        if not halvings:
+            return False
+        middle = float(self._least(q + step / 2)[0][0])
+        return self._holds_along(q, step / 2, begin, middle, sag / 4, halvings - 1) and self._holds_along(
+            q + step / 2, step / 2, middle, end, sag / 4, halvings - 1
+        )

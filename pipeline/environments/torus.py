@@ -15,6 +15,7 @@ from pipeline.robots import Robot, Validity, point_robot
 
 MAJOR, MINOR = 2.0, 1.0  # radii of OMPL's example [m]
 _DARK = 0.5  # brightness below which a pixel is a wall
+_FINEST = 5e-5  # half of a chord's piece [m]: a way that passes a wall this near does not count as proven
 _RADIUS = 1e-3  # of the point [m]; the picture knows nothing of it
 
 
@@ -92,6 +93,31 @@ class TorusMaze:
             or self._dark(row + high, column - wide)
             or self._dark(row + high, column + wide)
         )
+
+    def first_gap(self, states: np.ndarray) -> int | None:
+        """Return the first chord of a path (T, 3) that is not proven to pass over bright pixels only, margin aside."""
+        for i in range(len(states) - 1):
+            if not self._bright_along(states[i], states[i + 1]):
+                return i
+        return None
+
+    def _bright_along(self, p: np.ndarray, q: np.ndarray) -> bool:
+        """Tell whether all pixels that a ball around the chord can be over are bright, halving it where one is not."""
+        middle, radius = (p + q) / 2, math.dist(p, q) / 2
+        x, y, z = middle.tolist()
+        out = math.hypot(x, y)
+        tube = math.hypot(out - self.major, z)  # distance from the circle in the middle of the tube
+        if min(out, tube) > 2 * radius:
+            row, column = self._place(middle)
+            high = math.asin(radius / tube) / (2 * math.pi) * self._rows  # half of what a ball covers, seen from there
+            wide = math.asin(radius / out) / (2 * math.pi) * self._columns
+            rows = range(math.floor(row - high), math.floor(row + high) + 1)
+            columns = range(math.floor(column - wide), math.floor(column + wide) + 1)
+            if not any(self._dark(i, j) for i in rows for j in columns):
+                return True
+        if radius < _FINEST:
+            return False
+        return self._bright_along(p, middle) and self._bright_along(middle, q)
 
     def pixel(self, q: np.ndarray) -> tuple[int, int]:
         """Return row and column of the pixel under q (3,) [m]."""

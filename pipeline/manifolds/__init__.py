@@ -6,6 +6,7 @@ from pipeline.constraints import Constraint
 from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, AdherenceParameters, Counters, Refined, Stop, Traversal
 from pipeline.manifolds.continuation import AtlasAdherence, TangentBundleAdherence
+from pipeline.manifolds.polyline import subdivided
 from pipeline.manifolds.projection import ProjectionAdherence
 from pipeline.manifolds.waypoints import dense
 from pipeline.robots import Validity
@@ -49,4 +50,5 @@ __all__ = [
     "Traversal",
     "dense",
     "make_adherence",
+    "subdivided",
 ]

@@ -17,14 +17,16 @@ import casadi as ca
 import numpy as np
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ConfigError, require
-from pipeline.manifolds.certificate import Certificate
+from pipeline.errors import ConfigError, ConstraintError, require
+from pipeline.manifolds.chords import ChordProof
+from pipeline.manifolds.displacement import Displacement
+from pipeline.manifolds.polyline import brought_back, polyline, subdivided
 from pipeline.manifolds.screening import Screen
 from pipeline.robots import Validity
 
 FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
 _PIECES = 1000  # in which a step is checked: likewise
-_FROM_LIMITS = 1e-3  # what a found path keeps from joint limits [rad or m]
+_TYPICAL = 64  # random chords that say how fast bodies move along a typical one
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
 
@@ -92,16 +94,12 @@ class AdherenceParameters:
         max_steps: the loop limit N. Not 50 as for projections: 50 steps of 0.05 do not cross a unit sphere.
         newton_steps: Newton steps inside a walk; from a step away it converges quadratically, so that more than this
             many means that it does not (measured on the sphere: at most 2).
-        resolution: spacing of collision checks [rad or m], at least a thousandth of a step. Between two states of a
-            walk they are on the chord, which on a unit sphere is 0.0003 from it for a step of 0.05; along a found path
-            they are on the manifold.
+        resolution: spacing of collision checks in walks, on the chords between their states [rad or m], at least a
+            thousandth of a step.
         lookahead: steps computed per call of the edge function; costs memory and, past a stop, wasted steps.
-        refinement: spacing of the states that `refine` puts in along a found path [rad or m]; None for `resolution`. A
-            finer one lets walks check coarsely, as most of them never become part of a path; what walks have checked
-            is then not checked again.
-        certified: look everywhere between the states of a found path, by bounds on how far bodies travel (see
-            `Certificate`), instead of at `refinement`, where a graze between two states can be missed. Margins are then
-            kept at the states of walks only. It costs a sixth to two thirds of a plan (reports/performance.md).
+        proof: prove that the chords of a found path are free, everywhere along them (see `ChordProof`). Without it they
+            are looked at every `refinement`, and what lies in between can be missed.
+        refinement: spacing of those looks [rad or m]; None for `resolution`.
         native: evaluate steps and projections as machine code where a C compiler is found, with the same results;
             compiling takes seconds, once for each robot, constraint and parameters.
     """
@@ -113,8 +111,8 @@ class AdherenceParameters:
     newton_steps: int = 5
     resolution: float = 0.01
     lookahead: int = 8
+    proof: bool = True
     refinement: float | None = None
-    certified: bool = False
     native: bool = False
 
     def __post_init__(self) -> None:
@@ -134,11 +132,12 @@ class AdherenceParameters:
 
 @dataclass(frozen=True)
 class Refined:
-    """A walk along given states at the finer resolution.
+    """A path as the polyline of its states, straight in joint space between them.
 
     Attributes:
-        states: the given states, each brought onto the manifold (T, n).
-        invalid: index i of the first segment (states[i], states[i + 1]) that fails; None when all hold.
+        states: the given states, brought onto the manifold, and those put in between, so that all chords are within
+            the tolerance of it (T, n).
+        invalid: index i of the first given segment (states[i], states[i + 1]) that fails; None when all hold.
     """
 
     states: np.ndarray
@@ -166,7 +165,7 @@ class Adherence(ABC):
         rows = list(enumerate(self._shares, start=1))  # of a chord, see `_chord`
         self._near = [row for row, share in rows if share < 0.5]  # the half at the state where it begins
         self._far = [row for row, share in rows if share >= 0.5]
-        self._certificate: Certificate | None = None
+        self._proof: ChordProof | None = None
         self._look(validity)
 
     @property
@@ -192,12 +191,13 @@ class Adherence(ABC):
         # A condition holds where it holds: no margin says so of the surroundings.
         useful = travel is not None and len(self._shares) > 0 and not validity.conditions
         self._wide = validity.widened((travel or 0.0) * self._vouched / 2) if useful else None
-        if self.parameters.certified and (self._certificate is None or self._certificate.validity is not validity):
-            self._certificate = Certificate(validity)
+        if self.parameters.proof and (self._proof is None or self._proof.validity is not validity):
+            self._proof = ChordProof(validity, *self._motion)
+            self._proof.prepare()
         self._checks_before = self._checks()
 
     def _checks(self) -> int:
-        others = (self._wide, self._certificate)
+        others = (self._wide, self._proof)
         return self.validity.checks + sum(other.checks for other in others if other is not None)
 
     @abstractmethod
@@ -268,58 +268,62 @@ class Adherence(ABC):
         return Screen(self.constraint, parameters.newton_steps, parameters.resolution, parameters.native)
 
     def refine(self, states: np.ndarray) -> Refined:
-        """Walk along `states` (T, n) at `refinement`: project, check bounds and collisions in between.
+        """Make a path of states (T, n) a polyline that stays on the manifold, and prove that it is free.
 
-        With a refinement of its own, states that the projection leaves as they are count as checked, by the walks they
-        come from. Rejects also a segment whose points in between are farther apart on the manifold than a leap, which
-        is how a jump between two sheets of a manifold shows.
+        Rejects also a segment whose middle finds its way to the manifold elsewhere than between its ends, which is how
+        a jump between two sheets of a manifold shows.
         """
-        parameters, given = self.parameters, states
-        spacing = parameters.refinement or parameters.resolution
-        states, converged = self._brought_back(states)
-        if not converged.all():
-            return Refined(states, max(int(np.argmin(converged)) - 1, 0))
-        gaps = np.linalg.norm(np.diff(states, axis=0), axis=1)
-        pieces = np.maximum(np.ceil(gaps / spacing).astype(int), 1)
-        segment = np.repeat(np.arange(len(gaps)), pieces)  # the segment of each point, its end state included
-        last = np.cumsum(pieces)
-        share = (np.arange(len(segment)) - (last - pieces)[segment] + 1) / pieces[segment]
-        points = states[segment] + share[:, None] * (states[segment + 1] - states[segment])
-        points, converged = self._brought_back(points)
-        leaps = np.linalg.norm(np.diff(points, axis=0, prepend=states[:1]), axis=1)
-        sound = converged & (leaps <= parameters.leap * spacing)
-        sound &= (gaps <= parameters.leap * parameters.step)[segment]
-        # A way along a joint limit bends beyond it between two points; only the ends may be nearer.
-        low = np.minimum(self.lower + _FROM_LIMITS, np.minimum(states[0], states[-1]))
-        high = np.maximum(self.upper - _FROM_LIMITS, np.maximum(states[0], states[-1]))
-        sound &= ((points >= low) & (points <= high)).all(axis=1)
-        if self._certificate is not None:
-            end = len(points) if sound.all() else int(np.argmin(sound))
-            gap = self._certificate.first_gap(np.concatenate([states[:1], points[:end]]))
-            failed = gap if gap is not None else end
-            return Refined(states, None if failed == len(points) else int(segment[failed]))
-        known = np.zeros(len(points), bool)
-        if parameters.refinement is not None:
-            known[last - 1] = (states[1:] == given[1:]).all(axis=1)
-        for i, good, done, point in zip(segment.tolist(), sound.tolist(), known.tolist(), points, strict=True):
-            if not good or not (done or self.validity.free(point)):
-                return Refined(states, i)
-        return Refined(states, None)
+        self.counters.projections += len(states)
+        states, converged = brought_back(self.constraint, states)
+        end = len(states) if converged.all() else max(int(np.argmin(converged)), 1)  # what comes before holds or fails
+        path, segments, broken = polyline(self.constraint, states[:end], self.lower, self.upper)
+        if broken is None and end < len(states):
+            broken = end - 1
+        outside = ((path < self.lower) | (path > self.upper)).any(axis=1)
+        if outside.any():
+            first = max(int(np.argmax(outside)) - 1, 0)
+            broken = min(int(segments[first]) if len(segments) else 0, len(states) if broken is None else broken)
+        kept = len(segments) if broken is None else int(np.searchsorted(segments, broken))
+        gap = self._first_gap(path[: kept + 1])
+        return Refined(path, broken if gap is None else int(segments[gap]))
 
-    def certifiable(self, q: np.ndarray) -> bool:
-        """Tell whether a found path may begin or end at a free q (n,): always, unless paths are certified."""
-        return self._certificate is None or self._certificate.allows(q)
+    def provable(self, q: np.ndarray) -> bool:
+        """Tell whether a found path may begin or end at a free q (n,): always, unless paths are proven."""
+        return self._proof is None or self._proof.allows(q)
 
-    def _brought_back(self, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project rows of Q (N, n), most of which are within the tolerance already: these cost their value only."""
-        self.counters.projections += len(Q)
-        F = self.constraint.value_batch(Q)
-        off = np.flatnonzero(~(np.einsum("ij,ij->i", F, F) < self.constraint.tolerance**2))
-        converged = np.ones(len(Q), bool)
-        if len(off):
-            Q = Q.copy()
-            Q[off], converged[off] = self.constraint.project_batch(Q[off])
-        return Q, converged
+    def _first_gap(self, path: np.ndarray) -> int | None:
+        """Return the first chord of a path (T, n) that is not free; None when all are."""
+        if len(path) < 2:
+            return None
+        if self._proof is not None:
+            return self._proof.first_gap(path)
+        spacing = self.parameters.refinement or self.parameters.resolution
+        for i in range(len(path) - 1):
+            if not all(self.validity.free(q) for q in subdivided(path[i : i + 2], spacing)[1:]):
+                return i
+        return None
+
+    @cached_property
+    def _motion(self) -> tuple[Displacement, np.ndarray]:
+        """How bodies move along chords, and how fast along typical ones: random steps in the tangent space."""
+        displacement, rng = Displacement(self.validity.robot, self.parameters.native), np.random.default_rng(0)
+        Q, converged = self.constraint.project_batch(
+            rng.uniform(self.lower, self.upper, (2 * _TYPICAL, self.dimension))
+        )
+        Q = Q[converged & np.isfinite(Q).all(axis=1)][:_TYPICAL]
+        rates = [displacement.rates(np.stack([q, q + self._tangent_step(q, rng)]))[0] for q in Q]
+        if not rates:
+            rates = [np.ones(len(displacement.relations))]
+        return displacement, np.quantile(rates, 0.9, axis=0)
+
+    def _tangent_step(self, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return a step (n,) in a random direction; along the tangent space at q, where there is one."""
+        try:
+            tangent = self.constraint.frame(q)[0]
+        except ConstraintError:
+            tangent = np.eye(self.dimension)
+        step = tangent @ rng.normal(size=tangent.shape[1])
+        return self.parameters.step / max(float(np.linalg.norm(step)), 1e-12) * step
 
     def _ended(self, reached: list[np.ndarray], stop: Stop) -> Traversal:
         return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)

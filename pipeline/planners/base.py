@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.errors import ConfigError, ProblemError, require
 from pipeline.manifolds import Adherence, Counters
+from pipeline.manifolds.chords import CLEARANCE
 from pipeline.samplers.base import Sampler
 
 
@@ -112,8 +113,11 @@ class Problem:
                 )
             if not space.validity.free(q):
                 raise ProblemError(f"{name} is {space.validity.reason(q)}")
-            if not space.certifiable(q):
-                raise ProblemError(f"{name} is too near to contact for a certified path, which needs some 2 mm")
+            if not space.provable(q):
+                raise ProblemError(
+                    f"{name} is nearer than {1e3 * CLEARANCE:g} mm to contact, or deeper in a contact that is allowed: "
+                    "no path from there can be proven"
+                )
 
 
 @dataclass(frozen=True)

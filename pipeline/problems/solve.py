@@ -2,14 +2,14 @@
 
 import time
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
 
 from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
-from pipeline.manifolds import Adherence, dense, make_adherence
-from pipeline.manifolds.base import FINEST
+from pipeline.manifolds import Adherence, make_adherence, subdivided
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
@@ -17,7 +17,6 @@ from pipeline.recording.content import SHORTEST_STEP
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
 
 _FINER = 5.0  # the verifier's states lie this much closer than those planning checks along the path it finds
-_ATTEMPTS = 4  # searches, each looking twice as closely along the path it finds, until the verifier passes one
 _HINTS = 100  # random configurations looked at for pairs in contact
 _ROUNDED = 1e-6  # relative error of what files give of a step
 _LEAST = 1e-3  # [s] given to a search when the time is over: it ends by itself
@@ -92,8 +91,8 @@ class Solution:
 def solve(file: ProblemFile) -> Solution:
     """Plan the problem of a file (see `read_problem`).
 
-    A path that the verifier refuses is searched for again, checked more closely, while there is time. Shortcuts end
-    with the time limit; the verifier, without which there is no path, has all the time it takes.
+    A path that the verifier refuses is searched for again, with another seed, while there is time. Shortcuts end with
+    the time limit; the verifier, without which there is no path, has all the time it takes.
 
     Raises:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever makes it no problem. A path that is not found
@@ -105,22 +104,21 @@ def solve(file: ProblemFile) -> Solution:
     adherence = choice(file.adherence, "adherence")
     begin = time.perf_counter()
     built = build(file)
-    given = make_adherence(adherence, built.constraint, built.validity).parameters
-    spacing, setup, begin = given.refinement or given.resolution, time.perf_counter() - begin, time.perf_counter()
+    space = make_adherence(adherence, built.constraint, built.validity)
+    step = (space.parameters.refinement or space.parameters.resolution) / _FINER
+    setup, begin = time.perf_counter() - begin, time.perf_counter()
     end = begin + file.time_limit
-    for attempt in range(_ATTEMPTS):
-        finer = {**adherence.parameters, "refinement": max(spacing / 2**attempt, FINEST)}
-        space = make_adherence(replace(adherence, parameters=finer), built.constraint, built.validity)
+    starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
+    problem = Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
+    for attempt in count():
         left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
-        starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
-        problem = Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
         plan = planner.plan(problem, sampler, left, file.seed + attempt)
         if not plan.solved:
             return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, setup, time.perf_counter() - begin)
         shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts, end)
         for candidate in (shorter, plan.path):
-            path = dense(space, candidate, file.spacing)
-            verdict = check(path, built, space, file.spacing, spacing / _FINER)
+            path = subdivided(candidate, file.spacing)
+            verdict = check(path, built, space, file.spacing, step)
             if verdict.passed:
                 break
         if verdict.passed or time.perf_counter() > end:
@@ -133,7 +131,7 @@ def solve(file: ProblemFile) -> Solution:
 
 def _allowed(space: Adherence, ends: np.ndarray) -> np.ndarray:
     """Return those of several starts or goals (S, n) that a path may have; the first, to be refused, where none may."""
-    kept = [space.certifiable(q) for q in ends]
+    kept = [space.provable(q) for q in ends]
     return ends[kept] if any(kept) else ends[:1]
 
 
@@ -143,10 +141,10 @@ def often_in_contact(built: Built) -> dict[str, float]:
     Where nothing was found these are worth a look: bodies that overlap by the way they are drawn (see `ignored` of a
     robot), or an obstacle that stands in the robot.
     """
-    rng, robot, count = np.random.default_rng(0), built.robot, Counter[str]()
+    rng, robot, pairs = np.random.default_rng(0), built.robot, Counter[str]()
     for q in rng.uniform(robot.lower, robot.upper, (_HINTS, robot.dimension)):
-        count.update(f"{one} with {other}" for one, other in built.exact.contacts(q))
-    return {pair: times / _HINTS for pair, times in count.most_common() if times > _HINTS / 10}
+        pairs.update(f"{one} with {other}" for one, other in built.exact.contacts(q))
+    return {pair: times / _HINTS for pair, times in pairs.most_common() if times > _HINTS / 10}
 
 
 def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step: float) -> Verdict:

@@ -33,6 +33,10 @@ class Condition(Protocol):
         """True when q (n,) meets it."""
         ...
 
+    def first_gap(self, states: np.ndarray) -> int | None:
+        """Return the first chord of a path (T, n) along which it is not met, margins aside; None when all are."""
+        ...
+
 
 class Validity:
     """Tells whether configurations of a robot are valid among obstacles. Not shareable between processes.
@@ -96,26 +100,25 @@ class Validity:
             )
         return self._wider[reserve]
 
-    def vouching(self, radius: float, reserve: float = 0.0) -> "Validity":
-        """Return a checker whose verdict "free" at q means `reserve` [m] from contact in a ball around q.
+    def reserving(self, bodies: np.ndarray, pairs: np.ndarray) -> "Validity":
+        """Return a checker of contact with reserves in place of margins; without conditions.
 
-        The ball holds all q' for which no body can have travelled farther than `radius` times the length of its row of
-        lever arms (see `pipeline.robots.travel`). Margins and conditions are left out.
+        Args:
+            bodies: that each body keeps from obstacles (B,) [m].
+            pairs: that the bodies of each self-collision pair keep from each other (P,) [m].
         """
-        arms, between = self.robot.lever_arms
-        reach = np.linalg.norm(arms, axis=1)
-        bodies = [i for i, body in enumerate(self.robot.geometry.geometryObjects) if body.parentJoint]
-        names = self.robot.body_names
-        levers = list(np.linalg.norm(between, axis=1))
+        geometry, names = self.robot.geometry, self.robot.body_names
+        moving = [i for i, body in enumerate(geometry.geometryObjects) if body.parentJoint]
+        margins = list(pairs)
         for obstacle in self._listed:
-            levers += [reach[i] for i in bodies if (names[i], obstacle.name) not in self.touching]
+            margins += [bodies[i] for i in moving if (names[i], obstacle.name) not in self.touching]
         other = copy(self)
         other.conditions, other.checks, other._wider, other._distances = (), 0, {}, None
         other._data = self._model.createData()
         if self._pairs is not None:
-            other._pairs = self._pairs.widened([reserve + radius * lever for lever in levers])
+            other._pairs = self._pairs.widened(margins)
         if self._crowded:
-            other._crowd = other._tree(self._crowded, reserve + radius * float(reach.max()))
+            other._crowd = other._tree(self._crowded, float(bodies[moving].max(initial=0.0)))
         return other
 
     def in_bounds(self, q: np.ndarray) -> bool:

@@ -91,6 +91,11 @@ class Robot:
         target = self.model.frames[self.frame_id(frame)]
         return self._joint(q, target.parentJoint, {}) @ constant(target.placement)
 
+    def symbolic_joint_poses(self, q: ca.SX, joints: Sequence[int]) -> list[Pose]:
+        """Return the poses of joints' frames in the world as expressions of q (n,); joint 0 is the world itself."""
+        known: dict[int, Pose] = {}
+        return [self._joint(q, joint, known) for joint in joints]
+
     def symbolic_centre_of_mass(self, q: ca.SX) -> ca.SX:
         """Return the centre of mass in the world (3,) [m] as an expression of q (n,).
 

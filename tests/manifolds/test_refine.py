@@ -8,6 +8,7 @@ from pipeline.constraints import Constraint
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
 from pipeline.robots import Validity
 from tests.manifolds.spaces import METHODS, arm_world, blocks, make, sphere_space
+from tests.planners.scenes import chords
 from tests.robots.worlds import ball, ball_clearance, block, on_sphere, plate
 
 
@@ -29,15 +30,30 @@ def test_sound_states_pass_unchanged(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_states_are_brought_onto_the_manifold(method):
-    """States beside the manifold, as the tangent bundle walks them, come back on it, at the nearest point."""
+    """States beside the manifold, as the tangent bundle walks them, come back to the nearest point, the ends stay."""
     space, rng = sphere_space(method), np.random.default_rng(0)
-    states = arc() * (1 + rng.uniform(-0.01, 0.01, (29, 1)))
+    off = np.append(rng.uniform(-0.01, 0.01, 28), 9e-4)
+    off[0] = -9e-4
+    states = arc() * (1 + off[:, None])
     refined = space.refine(states)
     assert refined.invalid is None
     assert np.abs(np.linalg.norm(refined.states, axis=1) - 1).max() < 1e-3
-    moved = np.abs(np.linalg.norm(states, axis=1) - 1) >= 1e-3
-    np.testing.assert_allclose(refined.states[moved], arc()[moved], atol=1e-9)
-    np.testing.assert_array_equal(refined.states[~moved], states[~moved])
+    moved = np.abs(off) >= 0.25e-3
+    moved[[0, -1]] = False
+    kept = refined.states[np.linalg.norm(refined.states[:, None] - arc()[None], axis=2).argmin(axis=0)]
+    np.testing.assert_allclose(kept[moved], arc()[moved], atol=1e-9)
+    np.testing.assert_array_equal(kept[~moved], states[~moved])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_chords_are_within_the_tolerance(method):
+    """Long steps get states put in until the straight lines between them are within the tolerance, also at the ends."""
+    space = sphere_space(method, step=0.4, wander=3.0)
+    states = arc(5, 1.6) * np.array([1 + 9.5e-4, 1, 1, 1, 1 - 9.5e-4])[:, None]
+    refined = space.refine(states)
+    assert refined.invalid is None and len(refined.states) > len(states)
+    assert np.abs(np.linalg.norm(chords(refined.states, 1e-4), axis=1) - 1).max() < 1e-3
+    np.testing.assert_array_equal(refined.states[[0, -1]], states[[0, -1]])
 
 
 @pytest.mark.parametrize("segment", [0, 1, 14, 27])
@@ -52,8 +68,8 @@ def test_thin_plate_between_two_states(segment):
     assert space.refine(states[::-1]).invalid == 27 - segment
 
 
-def test_contact_on_the_manifold_not_on_the_chord():
-    """Points in between are judged on the manifold: a plate above the chord, which the arc touches, is found."""
+def test_contact_on_the_chords_that_are_written():
+    """A path is judged where it is written: a plate above a long chord, which its states then reach, is found."""
     states = np.array([[np.cos(a), np.sin(a), 0.0] for a in (-0.2, 0.2)])  # the chord's middle is 0.02 below the arc
     above, below = block([1.0, 0.0, 0.0], (0.05, 0.05, 0.004)), block([0.981, 0.0, 0.0], (0.05, 0.05, 0.004))
     for obstacle, found in ((above, 0), (below, None)):
@@ -61,10 +77,13 @@ def test_contact_on_the_manifold_not_on_the_chord():
 
 
 def test_bounds_between_states():
-    """Two states within a limit whose arc bends beyond it: found; the same under a higher limit: not."""
+    """Between two states within a limit the manifold bends beyond it: the path follows the limit where it can."""
     states = np.array([[np.sin(a), 0.0, np.cos(a)] for a in (-0.2, 0.2)])
-    for high, found in ((0.99, 0), (1.01, None)):
-        assert sphere_space("projection", upper=(1.5, 1.5, high), step=0.4).refine(states).invalid == found
+    for high, found in ((0.99, 0), (1.01, None), (0.9995, None)):
+        space = sphere_space("projection", upper=(1.5, 1.5, high), step=0.4)
+        refined = space.refine(states)
+        assert refined.invalid == found
+        assert found is not None or refined.states[:, 2].max() <= high
 
 
 def sheets(gap: float) -> ProjectionAdherence:
@@ -95,7 +114,7 @@ def test_state_that_finds_no_manifold(index, segment):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_verdict_is_that_of_a_closed_form(method):
-    """Among random blocks the first failing segment is the first whose arc comes nearer than the margin."""
+    """Among random blocks the first failing segment is the first that touches one."""
     rng, verdicts = np.random.default_rng(4), []
     obstacles = blocks(rng, on_sphere(rng, 10))
     space = sphere_space(method, obstacles)
@@ -108,8 +127,8 @@ def test_verdict_is_that_of_a_closed_form(method):
             continue
         fine = np.arange(0, angle[-1, 0], 0.0005)[:, None]
         clearance = ball_clearance(obstacles, np.cos(fine) * a + np.sin(fine) * b / np.linalg.norm(b))
-        # Deeper than what lies between two checks 0.01 apart can hide, it must be found; above the margin it must not.
-        sure, possible = fine[clearance < 0.005 - 0.005, 0], fine[clearance < 0.005 + 1e-4, 0]
+        # Contact must be found, up to what chords lie below their arcs; what is clear of contact must not.
+        sure, possible = fine[clearance < -5e-4, 0], fine[clearance < 7e-4, 0]
         found = space.refine(states).invalid
         verdicts.append(found is None)
         if len(sure):
@@ -130,7 +149,7 @@ def test_walks_of_an_arm_hold_up(method):
         if walk.reached:
             refined = space.refine(np.vstack([a, walk.states]))
             assert refined.invalid is None
-            assert max(np.linalg.norm(world.value(q)) for q in refined.states) < 1e-3
+            assert max(np.linalg.norm(world.value(q)) for q in chords(refined.states, 0.005)) < 1e-3
             assert np.linalg.norm(np.diff(refined.states, axis=0), axis=1).max() <= 0.1
             np.testing.assert_array_equal(refined.states[[0, -1]], [a, b])
             passed += 1

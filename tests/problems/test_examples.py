@@ -169,15 +169,15 @@ def test_two_planners_on_any_adherence(planner, adherence):
     assert found.solved
 
 
-def test_ends_that_no_certified_path_has_are_left_out(monkeypatch):
-    """Of a region's configurations those too near to contact are left out; where all are, the problem is refused."""
+def test_ends_that_no_path_can_be_proven_from_are_left_out(monkeypatch):
+    """Of a region's configurations those that nothing can be proven from are left out; where all are, it is said."""
     found = solution(next(p for p in EXAMPLES if p.stem == "upright_panda"))
     end = found.path[-1]
-    monkeypatch.setattr(Adherence, "certifiable", lambda self, q: not np.array_equal(q, end))
+    monkeypatch.setattr(Adherence, "provable", lambda self, q: not np.array_equal(q, end))
     again = solve(found.file)
     assert len(found.built.goals) > 1 and again.solved and not np.array_equal(again.path[-1], end)
-    monkeypatch.setattr(Adherence, "certifiable", lambda self, q: False)
-    with pytest.raises(ProblemError, match="too near to contact"):
+    monkeypatch.setattr(Adherence, "provable", lambda self, q: False)
+    with pytest.raises(ProblemError, match="no path from there can be proven"):
         solve(found.file)
 
 
@@ -195,7 +195,7 @@ def test_a_start_is_several_configurations(monkeypatch):
     starts = np.stack(asked[0].all_starts)
     np.testing.assert_array_equal(starts, found.built.starts)
     assert len(starts) == found.summary()["starts"] > 1 and (starts == found.path[0]).all(axis=1).any()
-    monkeypatch.setattr(Adherence, "certifiable", lambda self, q: not np.array_equal(q, found.path[0]))
+    monkeypatch.setattr(Adherence, "provable", lambda self, q: not np.array_equal(q, found.path[0]))
     other = solve(found.file)
     assert other.solved and (starts == other.path[0]).all(axis=1).any() and (other.path[0] != found.path[0]).any()
     exact = solve(solution(next(p for p in EXAMPLES if p.stem == "shapes_panda")).file)

@@ -4,9 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pipeline.robots import Obstacle, Robot, Shape, Validity, attach
+from pipeline.robots import Obstacle, Robot, Shape, attach
 from tests.robots.named import ROBOT_NAMES, configurations, named
-from tests.robots.test_arms_validity import spread
 from tests.robots.worlds import JOINTS, chain
 
 
@@ -80,27 +79,3 @@ def test_no_pair_comes_closer(name):
                 for where in (before, after)
             ]
             assert np.abs(gaps[1] - gaps[0]).max() <= bound + 1e-9
-
-
-@pytest.mark.parametrize("count", [12, 80])
-def test_a_vouching_checker_vouches(count):
-    """Where it says free, every configuration within the ball is free by the plain checker; it does say so."""
-    robot, rng = named("panda"), np.random.default_rng(3)
-    obstacles = spread(rng, count, robot)
-    plain, apart = Validity(robot, obstacles), Validity(robot, obstacles, 0.004, 0.004)
-    arms, between = robot.lever_arms
-    rows = np.concatenate([arms, between])
-    rows = rows[np.linalg.norm(rows, axis=1) > 0]
-    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    said = 0
-    for radius in (0.01, 0.05):
-        checker, reserved = plain.vouching(radius), plain.vouching(radius, 0.004)
-        for q in configurations(robot, rng, 150):
-            if not checker.free(q):
-                continue
-            said += 1
-            for step in rng.normal(size=(10, robot.dimension)):
-                within = q + step * radius / (rows @ np.abs(step)).max()
-                assert plain.free(within)
-                assert apart.free(within) or not reserved.free(q)
-    assert said > 20
