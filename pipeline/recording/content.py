@@ -56,7 +56,7 @@ class Recording:
 
         Raises:
             ProblemError: a shape, a number, a time or a name is wrong; the message names the value and the bound.
-            RobotError: the robot has no such tool frame.
+            RobotError: the robot has no such tool frame, or bodies that share a name.
         """
         check_path(self.states, self.robot.dimension)
         for name, q in (("start", self.start), ("goal", self.goal)):

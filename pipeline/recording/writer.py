@@ -42,7 +42,7 @@ def write_recording(path: Path, recording: Recording) -> None:
 
     Raises:
         ProblemError: the recording is malformed (see `Recording.check`); no file is touched.
-        RobotError: the robot has no such tool frame; no file is touched.
+        RobotError: the robot has no such tool frame, or bodies that share a name; no file is touched.
     """
     recording.check()
     content = _encode(recording)
