@@ -94,24 +94,27 @@ def _write_messages(channels: "_Channels", recording: Recording) -> None:
 
 
 class _Channels:
-    """Opens a channel at the first message of a topic."""
+    """Opens a channel at the first message of a topic, with one schema for all topics of a kind."""
 
     def __init__(self, writer: Writer) -> None:
         self._writer = writer
         self._ids: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
 
     def write(self, topic: str, message: Any, clock: int) -> None:
         """Write one protobuf message at a trajectory time [ns]."""
         if topic not in self._ids:
-            kind = type(message)
-            schema = self._writer.register_schema(
-                kind.DESCRIPTOR.full_name,
-                SchemaEncoding.Protobuf,
-                build_file_descriptor_set(kind).SerializeToString(deterministic=True),
-            )
+            schema = self._schema(type(message))
             self._ids[topic] = self._writer.register_channel(str(topic), MessageEncoding.Protobuf, schema)
         data = message.SerializeToString(deterministic=True)
         self._writer.add_message(self._ids[topic], log_time=clock, publish_time=clock, data=data)
+
+    def _schema(self, kind: Any) -> int:
+        name = kind.DESCRIPTOR.full_name
+        if name not in self._schemas:
+            content = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
+            self._schemas[name] = self._writer.register_schema(name, SchemaEncoding.Protobuf, content)
+        return self._schemas[name]
 
 
 def _json(value: Any) -> str:
