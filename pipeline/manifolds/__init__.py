@@ -12,7 +12,7 @@ from pipeline.manifolds.waypoints import dense
 from pipeline.robots import Validity
 from pipeline.schema import Choice
 
-_PARAMETERS: dict[str, Any] = {
+ADHERENCES: dict[str, Any] = {  # their parameters by kind
     "projection": AdherenceParameters,
     "atlas": AtlasParameters,
     "tangent_bundle": AtlasParameters,
@@ -30,12 +30,13 @@ def make_adherence(choice: Choice, constraint: Constraint, validity: Validity) -
     Raises:
         ConfigError: an unknown kind or parameters that do not fit it.
     """
-    parameters = choice.make(_PARAMETERS, "adherence")
+    parameters = choice.make(ADHERENCES, "adherence")
     adherence: Adherence = _CLASSES[choice.kind](constraint, validity, parameters)
     return adherence
 
 
 __all__ = [
+    "ADHERENCES",
     "Adherence",
     "AdherenceParameters",
     "Atlas",

@@ -9,7 +9,7 @@ from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, 
 from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
 from pipeline.errors import ConfigError, ProblemError, RobotError, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
-from pipeline.robots import ROBOTS, Obstacle, Robot, Validity, attach
+from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity, attach
 from pipeline.robots.description import is_file, resolve
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
@@ -49,12 +49,7 @@ def build(file: ProblemFile) -> Built:
     Raises:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever does not fit; the message names it.
     """
-    settings = choice(file.robot, "robot").make(ROBOTS, "robot")
-    if not isinstance(file.robot, str):  # content of the file: what it names is beside the file
-        files = {name: _beside(getattr(settings, name), file.folder) for name in ("urdf", "srdf")}
-        folders = tuple(str(file.folder / folder) for folder in settings.package_dirs)  # an absolute one stays as it is
-        settings = replace(settings, package_dirs=(*folders, *settings.package_dirs), **files)
-    robot: Robot = settings.robot()
+    robot = robot_settings(file).robot()
     arm, held = robot, None
     if file.chain is not None:
         held = chain(robot, [r.region() for r in file.chain.regions], file.chain.frame, file.chain.name)
@@ -82,6 +77,22 @@ def build(file: ProblemFile) -> Built:
     order = np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")
     names = tuple(grasp.name for grasp in file.grasps)
     return Built(robot, constraint, obstacles, names, validity, exact, starts, goals[order])
+
+
+def robot_settings(file: ProblemFile) -> UrdfRobot:
+    """Return the robot of a problem as settings whose files are found from anywhere.
+
+    Raises:
+        ConfigError: no such robot, or settings that are misspelt.
+        RobotError: the problem's own robot names a file that is missing.
+    """
+    settings: UrdfRobot = choice(file.robot, "robot").make(ROBOTS, "robot")
+    if isinstance(file.robot, str):
+        return settings
+    # The content is the problem file's own: what it names is beside it.
+    urdf, srdf = (_beside(address, file.folder) for address in (settings.urdf, settings.srdf))
+    folders = tuple(str(file.folder / folder) for folder in settings.package_dirs)  # an absolute one stays as it is
+    return replace(settings, urdf=urdf, srdf=srdf, package_dirs=(*folders, *settings.package_dirs))
 
 
 class _Finder:

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,27 @@ import pandas as pd
 
 from pipeline.errors import ConfigError
 from pipeline.files import atomic_folder, write_json
+from pipeline.problems.file import choice
+from pipeline.problems.resolved import documents
 from pipeline.problems.solve import Solution
+from pipeline.provenance import commit, planning_versions
 from pipeline.recording import Recording, write_layout, write_recording
 from pipeline.reporting.scene_still import draw_path
 
 RESULT, PATH, PICTURE, RECORDING, LAYOUT = "result.json", "path.csv", "picture.png", "recording.mcap", "layout.json"
 _KNOWN = {RESULT, PATH, PICTURE, RECORDING, LAYOUT}
+# Of the summary, what does not depend on the clock: measured times stand in the result.
+_COUNTERS = (
+    "length",
+    "length_before_shortcuts",
+    "duration_s",
+    "states",
+    "states_checked",
+    "largest_violation",
+    "smallest_clearance_m",
+    "starts",
+    "goals",
+)
 
 
 def check_output(folder: Path) -> None:
@@ -49,6 +65,7 @@ def write_solution(solution: Solution, folder: Path, picture: bool = True) -> di
 
     Raises:
         ConfigError: see `check_output`.
+        RobotError: a file of the robot is no longer there; see `recording`.
     """
     check_output(folder)
     summary = solution.summary()
@@ -68,16 +85,32 @@ def write_solution(solution: Solution, folder: Path, picture: bool = True) -> di
 
 
 def recording(solution: Solution, summary: dict[str, Any]) -> Recording:
-    """Return the solution as a recording."""
-    numbers = {k: v for k, v in (summary | summary["plan"]).items() if isinstance(v, int | float)}
+    """Return the solution as a recording, with what it was planned from: see `documents`.
+
+    Nothing in it was measured by a clock, so that the same problem and seed give the same bytes.
+
+    Raises:
+        ConfigError, RobotError: a file of the problem is no longer there.
+    """
+    file, built = solution.file, solution.built
+    counted = {name: summary[name] for name in _COUNTERS if summary[name] is not None}
+    chosen = {group: choice(getattr(file, group), group).kind for group in ("planner", "sampler", "adherence")}
     return Recording(
-        robot=solution.built.robot,
-        obstacles=solution.built.obstacles,
+        robot=built.robot,
+        obstacles=built.obstacles,
         states=solution.path,
         times=solution.times,
-        tool=solution.built.robot.tool,
+        tool=built.robot.tool,
         start=solution.path[0],
         goal=solution.path[-1],
-        counters=numbers,
-        metadata={"constraint": solution.built.constraint.name, "status": solution.status},
+        counters={**counted, "iterations": solution.plan.iterations, **asdict(solution.plan.counters)},
+        metadata={
+            "constraint": built.constraint.name,
+            "status": solution.status,
+            "seed": str(file.seed),
+            "commit": commit(),
+            **chosen,
+        },
+        versions=planning_versions(),
+        files=documents(file),
     )

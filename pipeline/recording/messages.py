@@ -20,12 +20,12 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from pipeline.recording.content import WORLD, Recording, frame_ids
+from pipeline.recording.content import WORLD, Recording, moving_frames
 from pipeline.robots import Robot
 
 
 class Topic(StrEnum):
-    """Every topic of a recording; all are there even when a scene is empty."""
+    """The topics of every recording; all are there even when a scene is empty. See `ROBOT_POINTS` for further ones."""
 
     TF = "/tf"
     SCENE = "/scene"
@@ -34,6 +34,9 @@ class Topic(StrEnum):
     JOINT_STATES = "/joint_states"
     COUNTERS = "/counters"
     LOG = "/log"
+
+
+ROBOT_POINTS = "/robot_points/"  # begins the topic of each body of the robot, whose name follows
 
 
 def stamp(clock: int) -> Timestamp:
@@ -53,19 +56,23 @@ def pose(position: Sequence[float] | np.ndarray, quaternion: Sequence[float] | n
     return Pose(position=vector(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
+def placed(T: pin.SE3) -> Pose:
+    """Return a pose of pinocchio's as a message."""
+    return pose(T.translation, pin.Quaternion(T.rotation).coeffs())
+
+
 class Kinematics:
     """Poses of all frames of a robot in the world."""
 
     def __init__(self, robot: Robot) -> None:
         self._model = robot.model
         self._data = robot.model.createData()
-        self._ids = frame_ids(robot)
+        self._frames = moving_frames(robot)
 
     def poses(self, q: np.ndarray) -> dict[str, Pose]:
         """Return frame name -> pose in the world at the configuration q (n,)."""
-        pin.framesForwardKinematics(self._model, self._data, np.asarray(q, float))
-        placed = ((name, self._data.oMf[index]) for name, index in self._ids.items())
-        return {name: pose(T.translation, pin.Quaternion(T.rotation).coeffs()) for name, T in placed}
+        pin.forwardKinematics(self._model, self._data, np.asarray(q, float))
+        return {name: placed(self._data.oMi[f.parentJoint] * f.placement) for name, f in self._frames.items()}
 
 
 def transforms(poses: dict[str, Pose], clock: int) -> FrameTransforms:
@@ -84,9 +91,22 @@ def transforms(poses: dict[str, Pose], clock: int) -> FrameTransforms:
     )
 
 
-def joint_states(robot: Robot, q: np.ndarray, clock: int) -> JointStates:
-    """Return the joint positions q (n,) [rad or m] at one time [ns]; velocities are left out, nobody planned them."""
-    joints = [JointState(name=name, position=float(value)) for name, value in zip(robot.joint_names, q, strict=True)]
+def velocities(states: np.ndarray, clock: Sequence[int]) -> np.ndarray:
+    """Return the joint velocities (T, n) [rad/s or m/s] with which a path leaves its states, 0 at the last.
+
+    A path is straight between its states (T, n) and passes each piece at constant speed: the velocity there is the
+    difference of its ends over that of their times (T,) [ns].
+    """
+    leaving = np.diff(states, axis=0) / (np.diff(clock) / 1e9)[:, None]  # (T - 1, n)
+    return np.concatenate([leaving, np.zeros((1, states.shape[1]))])
+
+
+def joint_states(robot: Robot, q: np.ndarray, velocity: np.ndarray, clock: int) -> JointStates:
+    """Return joint positions q (n,) [rad or m] and velocities (n,) [rad/s or m/s] at one time [ns]."""
+    joints = [
+        JointState(name=name, position=float(value), velocity=float(speed))
+        for name, value, speed in zip(robot.joint_names, q, velocity, strict=True)
+    ]
     return JointStates(timestamp=stamp(clock), joints=joints)
 
 

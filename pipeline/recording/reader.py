@@ -18,9 +18,10 @@ from mcap.writer import MCAP0_MAGIC
 
 from pipeline.errors import ArtifactError
 from pipeline.files import VERSION
+from pipeline.recording.content import JSON
 from pipeline.recording.messages import Topic
 from pipeline.recording.scene import OBSTACLE_PREFIX
-from pipeline.recording.writer import ATTACHMENT_SUFFIX, COUNTERS, METADATA, SCHEMA
+from pipeline.recording.writer import COUNTERS, METADATA, SCHEMA, VERSIONS
 
 
 @dataclass(frozen=True)
@@ -32,22 +33,27 @@ class StoredRecording:
         tool: frame whose path is drawn.
         joint_names: in configuration order.
         states: path (T, n) [rad or m], bit for bit as written.
+        velocities: with which it leaves its states (T, n) [rad/s or m/s], see `velocities` of the messages.
         times: of the states (T,) [s], rounded to 1 ns.
         topics: topic -> number of messages.
         obstacle_count: obstacles in the scene.
-        counters, metadata, attachments: as written; JSON knows no tuples, they come back as lists.
+        counters, metadata, versions, attachments: as written; JSON knows no tuples, they come back as lists.
+        files: further attachments, byte for byte.
     """
 
     robot: str
     tool: str
     joint_names: tuple[str, ...]
     states: np.ndarray
+    velocities: np.ndarray
     times: np.ndarray
     topics: dict[str, int]
     obstacle_count: int
     counters: dict[str, float | int | str]
     metadata: dict[str, str]
+    versions: dict[str, str]
     attachments: dict[str, Any]
+    files: dict[str, bytes]
 
 
 def read_recording(path: Path) -> StoredRecording:
@@ -79,6 +85,7 @@ def _decode(content: bytes) -> StoredRecording:
     messages: list[tuple[str, Message]] = []
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, Any] = {}
+    files: dict[str, bytes] = {}
     ended = False
     for record in StreamReader(io.BytesIO(content), validate_crcs=True).records:
         if isinstance(record, Channel):
@@ -89,8 +96,10 @@ def _decode(content: bytes) -> StoredRecording:
             metadata[record.name] = record.metadata
             if record.name == SCHEMA:
                 _check(record.metadata)
+        elif isinstance(record, Attachment) and record.name.endswith(JSON):
+            attachments[record.name.removesuffix(JSON)] = json.loads(record.data)
         elif isinstance(record, Attachment):
-            attachments[record.name.removesuffix(ATTACHMENT_SUFFIX)] = json.loads(record.data)
+            files[record.name] = record.data
         ended = ended or isinstance(record, DataEnd)
     if not ended:
         raise ArtifactError("its data section has no end, hence no checksum")
@@ -105,12 +114,15 @@ def _decode(content: bytes) -> StoredRecording:
         tool=head["tool"],
         joint_names=tuple(joint.name for joint in joints[0][1]),
         states=np.array([[joint.position for joint in row] for _, row in joints], float),
+        velocities=np.array([[joint.velocity for joint in row] for _, row in joints], float),
         times=np.array([clock for clock, _ in joints], float) / 1e9,
         topics=dict(Counter(topic for topic, _ in messages)),
         obstacle_count=sum(entity.id.startswith(OBSTACLE_PREFIX) for scene in scenes for entity in scene.entities),
         counters={key: json.loads(value) for key, value in metadata[COUNTERS].items()},
         metadata=metadata[METADATA],
+        versions=metadata[VERSIONS],
         attachments=attachments,
+        files=files,
     )
 
 

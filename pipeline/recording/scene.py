@@ -1,18 +1,15 @@
-"""What stands still: obstacles, start, goal, path and manifold as primitives, and obstacles once more as points."""
+"""What is drawn: obstacles, start, goal, path and manifold in the world, bodies in the frames that carry them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import coal
-import numpy as np
 import pinocchio as pin
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
 from foxglove_schemas_protobuf.KeyValuePair_pb2 import KeyValuePair
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
@@ -20,8 +17,8 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from google.protobuf.duration_pb2 import Duration
 
-from pipeline.recording.content import WORLD, Recording, frame_ids
-from pipeline.recording.messages import pose, stamp, vector
+from pipeline.recording.content import WORLD, Recording, carrier, moving_frames
+from pipeline.recording.messages import placed, pose, stamp, vector
 from pipeline.robots import Obstacle, Robot, Shape
 from pipeline.robots.surfaces import triangles
 
@@ -40,7 +37,7 @@ GREY, LIGHT, GREEN, RED, BLUE, SKY = (
 
 
 def scene_update(recording: Recording, start: Pose, goal: Pose, path: Sequence[Pose]) -> SceneUpdate:
-    """Return the still scene in the world.
+    """Return the scene, which is sent once: viewers move the bodies with their frames.
 
     Args:
         recording: holds the obstacles and the manifold; its counters and metadata become the path's properties.
@@ -63,72 +60,40 @@ def scene_update(recording: Recording, start: Pose, goal: Pose, path: Sequence[P
     facts = sorted({**recording.metadata, **recording.counters}.items())  # a viewer shows them on a click on the path
     properties = [KeyValuePair(key=key, value=str(value)) for key, value in facts]
     entities.append(_entity("path", lines=[line], metadata=properties))
-    bodies = [_body(recording.robot, body) for body in recording.robot.geometry.geometryObjects]
-    entities += [body for body in bodies if body is not None]
+    robot, frames = recording.robot, moving_frames(recording.robot)
+    entities += [_body(robot, body, frames) for body in robot.geometry.geometryObjects]
     if recording.manifold_sphere_radius is not None:
         entities.append(_ball("manifold", pose((0, 0, 0)), 2 * recording.manifold_sphere_radius, SKY))
     return SceneUpdate(entities=entities)
 
 
-def obstacle_cloud(obstacles: Sequence[Obstacle]) -> PointCloud:
-    """Return points on the obstacles' surfaces in the world, packed float32 (x, y, z) [m]; empty without obstacles."""
-    points = np.concatenate([np.empty((0, 3)), *(surface_points(obstacle) for obstacle in obstacles)])  # (P, 3)
-    return PointCloud(
-        timestamp=stamp(0),
-        frame_id=WORLD,
-        pose=pose((0, 0, 0)),
-        point_stride=12,
-        fields=[
-            PackedElementField(name=name, offset=4 * k, type=PackedElementField.FLOAT32) for k, name in enumerate("xyz")
-        ],
-        data=points.astype("<f4").tobytes(),
-    )
-
-
-def surface_points(obstacle: Obstacle) -> np.ndarray:
-    """Return evenly spread points (P, 3) on the surface in the world [m], the same at every call."""
-    if obstacle.shape in _UNIT_SURFACE:
-        local = _UNIT_SURFACE[obstacle.shape] * obstacle.size  # (P, 3)
-    else:
-        local = triangles(obstacle.geometry())[0]
-    return local @ obstacle.rotation.T + obstacle.position
-
-
 def _obstacle(name: str, obstacle: Obstacle) -> SceneEntity:
-    placed, size = pose(obstacle.position, obstacle.quaternion), vector(obstacle.size)
+    there, size = pose(obstacle.position, obstacle.quaternion), vector(obstacle.size)
     if obstacle.shape is Shape.BOX:
-        return _entity(name, cubes=[CubePrimitive(pose=placed, size=size, color=GREY)])
+        return _entity(name, cubes=[CubePrimitive(pose=there, size=size, color=GREY)])
     if obstacle.shape is Shape.SPHERE:
-        return _entity(name, spheres=[SpherePrimitive(pose=placed, size=size, color=GREY)])
+        return _entity(name, spheres=[SpherePrimitive(pose=there, size=size, color=GREY)])
     if obstacle.shape in (Shape.MESH, Shape.OCTREE):
-        return _entity(name, triangles=[_triangles(obstacle.geometry(), placed, GREY)])
+        return _entity(name, triangles=[_triangles(obstacle.geometry(), there, GREY)])
     # Both scales are 0 in an empty message, which would draw nothing.
-    cylinder = CylinderPrimitive(pose=placed, size=size, bottom_scale=1.0, top_scale=1.0, color=GREY)
+    cylinder = CylinderPrimitive(pose=there, size=size, bottom_scale=1.0, top_scale=1.0, color=GREY)
     return _entity(name, cylinders=[cylinder])
 
 
-def _body(robot: Robot, body: pin.GeometryObject) -> SceneEntity | None:
-    """A body of the robot, fixed in a frame that moves with it, as viewers want it; None where no frame does."""
-    name, placement = WORLD, body.placement
-    if body.parentJoint:
-        frames = robot.model.frames
-        fixed = [i for i in frame_ids(robot).values() if frames[i].parentJoint == body.parentJoint]
-        if not fixed:
-            return None
-        frame = frames[body.parentFrame if body.parentFrame in fixed else fixed[0]]
-        name, placement = frame.name, frame.placement.actInv(body.placement)
-    placed = pose(placement.translation, pin.Quaternion(placement.rotation).coeffs())
-    return _entity(f"{BODY_PREFIX}{body.name}", triangles=[_triangles(body.geometry, placed, LIGHT)], frame=name)
+def _body(robot: Robot, body: pin.GeometryObject, frames: Mapping[str, pin.Frame]) -> SceneEntity:
+    """A body of the robot in the frame that carries it."""
+    name, T = carrier(body, robot, frames)
+    return _entity(f"{BODY_PREFIX}{body.name}", triangles=[_triangles(body.geometry, placed(T), LIGHT)], frame=name)
 
 
-def _triangles(geometry: coal.CollisionGeometry, placed: Pose, color: Color) -> TriangleListPrimitive:
+def _triangles(geometry: coal.CollisionGeometry, there: Pose, color: Color) -> TriangleListPrimitive:
     vertices, faces = triangles(geometry)
     points = [Point3(x=x, y=y, z=z) for x, y, z in vertices.tolist()]
-    return TriangleListPrimitive(pose=placed, points=points, color=color, indices=faces.ravel().tolist())
+    return TriangleListPrimitive(pose=there, points=points, color=color, indices=faces.ravel().tolist())
 
 
-def _ball(name: str, placed: Pose, diameter: float, color: Color) -> SceneEntity:
-    ball = SpherePrimitive(pose=placed, size=vector((diameter, diameter, diameter)), color=color)
+def _ball(name: str, there: Pose, diameter: float, color: Color) -> SceneEntity:
+    ball = SpherePrimitive(pose=there, size=vector((diameter, diameter, diameter)), color=color)
     return _entity(name, spheres=[ball])
 
 
@@ -147,6 +112,7 @@ def _entity(
         frame_id=frame,
         id=name,
         lifetime=Duration(),  # 0: until replaced
+        frame_locked=True,  # else it stays where its frame was at the timestamp, and the robot stands still
         cubes=cubes,
         spheres=spheres,
         cylinders=cylinders,
@@ -154,25 +120,3 @@ def _entity(
         triangles=triangles,
         metadata=metadata,
     )
-
-
-def _box() -> np.ndarray:
-    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 4)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid[np.abs(grid).max(axis=1) == 0.5]  # (56, 3)
-
-
-def _sphere(count: int = 64) -> np.ndarray:
-    """Fibonacci's lattice."""
-    k = np.arange(count)
-    z = 1 - (2 * k + 1) / count
-    turn, r = np.pi * (3 - np.sqrt(5)) * k, np.sqrt(1 - z**2)
-    return 0.5 * np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)  # (count, 3)
-
-
-def _cylinder() -> np.ndarray:
-    turn, z = np.meshgrid(np.linspace(0, 2 * np.pi, 16, endpoint=False), np.linspace(-0.5, 0.5, 4), indexing="ij")
-    return np.stack([0.5 * np.cos(turn), 0.5 * np.sin(turn), z], axis=-1).reshape(-1, 3)  # (64, 3)
-
-
-# Of shapes of size (1, 1, 1) about the origin. Some sixty points each keep a scene of 500 blocks below half a megabyte.
-_UNIT_SURFACE = {Shape.BOX: _box(), Shape.SPHERE: _sphere(), Shape.CYLINDER: _cylinder()}

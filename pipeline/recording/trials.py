@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 
 from pipeline.environments import Environment, Scene, unflatten
+from pipeline.provenance import commit, planning_versions
 from pipeline.recording.content import Recording, time_parameterise
 from pipeline.recording.layout import write_layout
 from pipeline.recording.writer import write_recording
 
 _SPEED = 0.5  # of the configuration along the path [rad/s or m/s]: a crossing of the sphere takes some seconds
+# No measured times, which the trials' table has: the same trial gives the same bytes.
 _COUNTERS = (
-    "planning_time",
     "path_length",
     "iterations",
     "traversals",
@@ -40,7 +41,7 @@ def record_trials(
     folder: Path,
 ) -> list[Path]:
     """Write the first `count` solved trials of every scenario, method and adherence, and a layout to open them with."""
-    robot = environment.robot()
+    robot, code, versions = environment.robot(), commit(), planning_versions()
     starts: Any = problems.set_index(["scene", "problem"])
     written = []
     for keys, rows in trials[trials.solved].groupby(["scenario", "method", "adherence"], sort=False):
@@ -60,7 +61,9 @@ def record_trials(
                 metadata={
                     **{name: str(getattr(row, name)) for name in ("scene", "problem", "planner", "sampler", "seed")},
                     **dict(zip(("scenario", "method", "adherence"), map(str, keys), strict=True)),
+                    "commit": code,
                 },
+                versions=versions,
                 attachments={
                     "config": settings,
                     "problem": {

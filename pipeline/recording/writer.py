@@ -16,8 +16,10 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from pipeline.files import VERSION, atomic_file
-from pipeline.recording.content import Recording, attachment_text, nanoseconds
+from pipeline.recording.clouds import body_clouds, obstacle_cloud
+from pipeline.recording.content import JSON, Recording, attachment_text, nanoseconds
 from pipeline.recording.messages import (
+    ROBOT_POINTS,
     Kinematics,
     PathProgress,
     Topic,
@@ -25,21 +27,22 @@ from pipeline.recording.messages import (
     summary,
     tool_path,
     transforms,
+    velocities,
 )
-from pipeline.recording.scene import obstacle_cloud, scene_update
+from pipeline.recording.scene import scene_update
 
 SCHEMA = "recording"
 LIBRARY = "constrained planning recorder"  # fixed: the default names the installed version
-METADATA, COUNTERS = "planning", "counters"  # names of the MCAP metadata records beside the one of SCHEMA
-ATTACHMENT_SUFFIX = ".json"
+METADATA, COUNTERS, VERSIONS = "planning", "counters", "versions"  # MCAP metadata records beside the one of SCHEMA
+_MEDIA = {".yaml": "application/yaml", ".urdf": "application/xml", ".srdf": "application/xml"}
 
 
 def write_recording(path: Path, recording: Recording) -> None:
-    """Write the recording whole or not at all; see `Topic` for what is in it.
+    """Write the recording whole or not at all; see `Topic` and `ROBOT_POINTS` for what is in it.
 
     Raises:
         ProblemError: the recording is malformed (see `Recording.check`); no file is touched.
-        RobotError: the robot has no such tool frame; no file is touched.
+        RobotError: the robot has no such tool frame, or bodies that share a name; no file is touched.
     """
     recording.check()
     content = _encode(recording)
@@ -56,9 +59,12 @@ def _encode(recording: Recording) -> bytes:
     writer.add_metadata(SCHEMA, head)
     writer.add_metadata(METADATA, dict(sorted(recording.metadata.items())))
     writer.add_metadata(COUNTERS, {key: _json(value) for key, value in sorted(recording.counters.items())})
+    writer.add_metadata(VERSIONS, dict(sorted(recording.versions.items())))
     for name, attached in sorted(recording.attachments.items()):
-        text = attachment_text(name, attached)
-        writer.add_attachment(0, 0, name + ATTACHMENT_SUFFIX, "application/json", text.encode())
+        writer.add_attachment(0, 0, name + JSON, "application/json", attachment_text(name, attached).encode())
+    for name, content in sorted(recording.files.items()):
+        media = _MEDIA.get(Path(name).suffix, "application/octet-stream")
+        writer.add_attachment(0, 0, name, media, content)
     _write_messages(_Channels(writer), recording)
     writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it without annotations
     return stream.getvalue()
@@ -74,36 +80,41 @@ def _write_messages(channels: "_Channels", recording: Recording) -> None:
     start, goal = kinematics.poses(recording.start)[tool], kinematics.poses(recording.goal)[tool]
     channels.write(Topic.SCENE, scene_update(recording, start, goal, way), 0)
     channels.write(Topic.OBSTACLE_POINTS, obstacle_cloud(recording.obstacles), 0)
+    for name, cloud in body_clouds(robot).items():
+        channels.write(f"{ROBOT_POINTS}{name}", cloud, 0)
     channels.write(Topic.PATH, tool_path(way), 0)
     channels.write(Topic.LOG, summary(recording), 0)
     steps = np.concatenate([[0.0], np.linalg.norm(np.diff(states, axis=0), axis=1)])  # (T,)
-    lengths = np.cumsum(steps)  # (T,)
+    lengths, speeds = np.cumsum(steps), velocities(states, clock)  # (T,) (T, n)
     for k, now in enumerate(clock):
         channels.write(Topic.TF, transforms(poses[k], now), now)
-        channels.write(Topic.JOINT_STATES, joint_states(robot, states[k], now), now)
+        channels.write(Topic.JOINT_STATES, joint_states(robot, states[k], speeds[k], now), now)
         progress = PathProgress(path_length=float(lengths[k]), step_length=float(steps[k]))
         channels.write(Topic.COUNTERS, progress, now)
 
 
 class _Channels:
-    """Opens a channel at the first message of a topic."""
+    """Opens a channel at the first message of a topic, with one schema for all topics of a kind."""
 
     def __init__(self, writer: Writer) -> None:
         self._writer = writer
-        self._ids: dict[Topic, int] = {}
+        self._ids: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
 
-    def write(self, topic: Topic, message: Any, clock: int) -> None:
+    def write(self, topic: str, message: Any, clock: int) -> None:
         """Write one protobuf message at a trajectory time [ns]."""
         if topic not in self._ids:
-            kind = type(message)
-            schema = self._writer.register_schema(
-                kind.DESCRIPTOR.full_name,
-                SchemaEncoding.Protobuf,
-                build_file_descriptor_set(kind).SerializeToString(deterministic=True),
-            )
-            self._ids[topic] = self._writer.register_channel(topic.value, MessageEncoding.Protobuf, schema)
+            schema = self._schema(type(message))
+            self._ids[topic] = self._writer.register_channel(str(topic), MessageEncoding.Protobuf, schema)
         data = message.SerializeToString(deterministic=True)
         self._writer.add_message(self._ids[topic], log_time=clock, publish_time=clock, data=data)
+
+    def _schema(self, kind: Any) -> int:
+        name = kind.DESCRIPTOR.full_name
+        if name not in self._schemas:
+            content = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
+            self._schemas[name] = self._writer.register_schema(name, SchemaEncoding.Protobuf, content)
+        return self._schemas[name]
 
 
 def _json(value: Any) -> str:

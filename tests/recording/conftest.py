@@ -31,9 +31,11 @@ def make_recording(**changes) -> Recording:
         tool="effector_body",
         start=states[0],
         goal=states[-1],
-        counters={"status": "solved", "iterations": 41, "planning_time": 1 / 3, "clearance": np.inf, "claimed": True},
+        counters={"status": "solved", "iterations": 41, "path_length": 1 / 3, "clearance": np.inf, "claimed": True},
         metadata={"planner": "rrtconnect", "sampler": "uniform", "seed": "7"},
+        versions={"python": "3.11.7", "numpy": "2.0"},
         attachments={"config": {"b": [1, 2.5], "a": None}, "problem": {"start": states[0].tolist()}},
+        files={"robot.urdf": "<robot name='Jürgen'/>".encode("latin-1"), "problem.yaml": b"seed: 7\n", "empty": b""},
         manifold_sphere_radius=1.5,
     )
     return replace(recording, **changes)

@@ -1,9 +1,14 @@
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pipeline.errors import ProblemError, RobotError
 from pipeline.recording import time_parameterise, write_recording
 from pipeline.robots import Obstacle, Shape
+from tests.recording.viewer import Viewer
 
 
 def test_times_walk_the_path_at_uniform_speed():
@@ -61,6 +66,9 @@ LOST = Obstacle(Shape.BOX, (0.0, np.nan, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 
         ({"counters": {"charts": [1]}}, "counters"),
         ({"metadata": {"seed": 7}}, "metadata"),
         ({"metadata": {7: "seed"}}, "metadata"),
+        ({"versions": {"numpy": 2}}, "versions"),
+        ({"files": {"robot.urdf": "<robot/>"}}, "files"),
+        ({"files": {"config.json": b"{}"}}, "attachments"),
         ({"attachments": {"config": {"x": np.zeros(2)}}}, "config"),
         ({"attachments": {"config": {"x": np.nan}}}, "config"),
     ],
@@ -79,3 +87,26 @@ def test_an_unknown_tool_names_the_frames_there_are(make, tmp_path):
     with pytest.raises(RobotError, match="effector_body"):
         write_recording(path, make(tool="hand"))
     assert path.read_bytes() == b"before" and list(tmp_path.iterdir()) == [path]
+
+
+def test_bodies_that_share_a_name_are_refused(recording, tmp_path):
+    """A viewer shows one entity per name: of two bodies it would show one."""
+    geometry = pin.GeometryModel()
+    for joint in (1, 2):
+        geometry.addGeometryObject(pin.GeometryObject("ball", joint, pin.SE3.Identity(), pin.hppfcl.Sphere(0.1)))
+    robot = replace(recording.robot, geometry=geometry)
+    with pytest.raises(RobotError, match="ball"):
+        write_recording(tmp_path / "a.mcap", replace(recording, robot=robot))
+
+
+def test_a_mirrored_mesh_is_drawn_mirrored(make, tmp_path):
+    """A mesh with a negative scale has the vertices of the other, mirrored."""
+    file = str(Path(__file__).parents[2] / "examples" / "shapes" / "wedge.obj")
+    found = []
+    for x in (1.0, -1.0):
+        wedge = Obstacle(Shape.MESH, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (x, 1.0, 1.0), file=file)
+        write_recording(tmp_path / "a.mcap", make(obstacles=(wedge,)))
+        (drawn,) = Viewer(tmp_path / "a.mcap").entities["obstacle/0000"].triangles
+        found.append(np.array([[p.x, p.y, p.z] for p in drawn.points]))
+    assert np.ptp(found[0]) > 0
+    np.testing.assert_allclose(found[1], found[0] * [-1, 1, 1])

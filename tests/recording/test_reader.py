@@ -25,6 +25,7 @@ def test_a_recording_comes_back_whole(recording, tmp_path):
         key: type(value) for key, value in recording.counters.items()
     }
     assert stored.metadata == recording.metadata and stored.attachments == recording.attachments
+    assert stored.versions == recording.versions and stored.files == recording.files
     assert stored.topics == {
         **dict.fromkeys(("/scene", "/path", "/obstacle_points", "/log"), 1),
         **dict.fromkeys(("/tf", "/joint_states", "/counters"), 12),
@@ -38,8 +39,10 @@ def test_the_barest_recording_comes_back(tmp_path):
     write_recording(tmp_path / "a.mcap", Recording(robot, (), q, np.zeros(1), "point", q[0], q[0]))
     stored = read_recording(tmp_path / "a.mcap")
     np.testing.assert_array_equal(stored.states, q)
-    assert len(stored.topics) == 7 and stored.obstacle_count == 0
+    assert len(stored.topics) == 8 and stored.obstacle_count == 0
+    np.testing.assert_array_equal(stored.velocities, np.zeros((1, 3)))
     assert stored.counters == {} and stored.metadata == {} and stored.attachments == {}
+    assert stored.versions == {} and stored.files == {}
 
 
 def test_numbers_of_numpy_come_back_as_python_s(make, tmp_path):

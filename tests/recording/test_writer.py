@@ -12,8 +12,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from pipeline.recording import Topic, write_recording
-from pipeline.recording.content import frame_ids
-from pipeline.recording.scene import surface_points
+from pipeline.recording.clouds import surface_points
+from pipeline.recording.content import moving_frames
 
 SCHEMAS = {
     "/tf": "foxglove.FrameTransforms",
@@ -82,9 +82,9 @@ def test_a_link_wins_over_a_joint_of_the_same_name_and_the_root_is_no_child(reco
     model.addFrame(pin.Frame("wrist1_joint", 5, 0, pin.SE3.Random(), pin.FrameType.BODY))
     model.addFrame(pin.Frame("world", 0, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     robot = type(recording.robot)("named twice", model, pin.GeometryModel(), -np.ones(6), np.ones(6))
-    ids = frame_ids(robot)
-    assert "world" not in ids and "universe" not in ids
-    assert model.frames[ids["wrist1_joint"]].type == pin.FrameType.BODY
+    frames = moving_frames(robot)
+    assert "world" not in frames and "universe" not in frames
+    assert frames["wrist1_joint"].type == pin.FrameType.BODY
 
 
 def test_the_path_is_the_tool_s(decoded, recording):
@@ -151,7 +151,7 @@ def test_counters_plot_the_path_s_length(decoded, recording):
 
 def test_bytes_depend_on_the_recording_only(recording, make, tmp_path):
     """Neither a second run nor another order of the dictionaries changes a byte; another state does."""
-    names = ("counters", "metadata", "attachments")
+    names = ("counters", "metadata", "versions", "attachments", "files")
     shuffled = {name: dict(reversed(getattr(recording, name).items())) for name in names}
     write_recording(tmp_path / "a.mcap", recording)
     write_recording(tmp_path / "b.mcap", make(**shuffled))
