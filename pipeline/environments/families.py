@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from pipeline.environments.corridor import PenCorridors
 from pipeline.environments.door import DoorOpening
 from pipeline.environments.reach import BalancedReach
 from pipeline.environments.task import Family
@@ -18,6 +19,7 @@ _OF_ROBOTS: dict[str, Callable[[Robot], Family]] = {
     "door": DoorOpening,
     "tray": TwoArmTray,
     "reach": BalancedReach,
+    "corridor": PenCorridors,
 }
 KINDS = (*_OF_ROBOTS, "maze")
 

@@ -40,6 +40,15 @@ class Pinned:
 
 
 @dataclass(frozen=True)
+class OnPlane:
+    """The origin of a frame keeps a distance [m] from the world's origin along a unit vector (3,)."""
+
+    frame: str
+    normal: tuple[float, ...]
+    distance: float
+
+
+@dataclass(frozen=True)
 class OnTorus:
     """A point stays on a torus about the world's z axis [m]."""
 
@@ -47,7 +56,7 @@ class OnTorus:
     minor: float
 
 
-Saying = Level | Joined | Pinned | OnTorus
+Saying = Level | Joined | Pinned | OnPlane | OnTorus
 
 
 @dataclass(frozen=True)

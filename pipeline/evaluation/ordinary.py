@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pipeline.environments.task import Joined, Level, OnTorus, Pinned, Task
+from pipeline.environments.task import Joined, Level, OnPlane, OnTorus, Pinned, Task
 from pipeline.robots import Obstacle, Robot
 
 
@@ -101,6 +101,22 @@ class _Pinned:
         return np.array(pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[:3])
 
 
+class _OnPlane:
+    """How far a frame is along a vector, less how far it shall be [m]."""
+
+    k = 1
+
+    def __init__(self, robot: Robot, says: OnPlane) -> None:
+        self._frame, self._normal, self._distance = robot.frame_id(says.frame), np.array(says.normal), says.distance
+
+    def value(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        at = pin.updateFramePlacement(model, data, self._frame).translation
+        return np.array([self._normal @ at - self._distance])
+
+    def jacobian(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+        return self._normal[None] @ pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+
+
 class _OnTorus:
     """The distance from a circle less the tube's radius [m]; q is the point."""
 
@@ -118,7 +134,7 @@ class _OnTorus:
         return np.array([[q[0] / around * ring, q[1] / around * ring, q[2]]]) / np.hypot(ring, q[2])
 
 
-_PARTS: dict[type, Any] = {Level: _Level, Joined: _Joined, Pinned: _Pinned, OnTorus: _OnTorus}
+_PARTS: dict[type, Any] = {Level: _Level, Joined: _Joined, Pinned: _Pinned, OnPlane: _OnPlane, OnTorus: _OnTorus}
 
 
 class OrdinaryValidity:

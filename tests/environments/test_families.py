@@ -5,14 +5,21 @@ import pinocchio as pin
 import pytest
 
 from pipeline.environments.families import KINDS, make_family
-from pipeline.environments.task import Joined, Level, OnTorus, Pinned, Task, two_ends
+from pipeline.environments.task import Joined, Level, OnPlane, OnTorus, Pinned, Task, two_ends
 from pipeline.errors import ConfigError
 from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
 from tests.robots.named import named
 from tests.robots.test_arms_validity import plain
 from tests.robots.worlds import differences
 
-ROBOT_OF = {"transport": "panda", "door": "panda", "tray": "baxter_both", "reach": "pholus", "maze": None}
+ROBOT_OF = {
+    "transport": "panda",
+    "door": "panda",
+    "tray": "baxter_both",
+    "reach": "pholus",
+    "corridor": "panda",
+    "maze": None,
+}
 SMALL = {"rows": 4, "columns": 6}
 
 
@@ -41,6 +48,8 @@ def off(task: Task, q: np.ndarray) -> float:
             worst = max(worst, float(np.linalg.norm(pin.log6(error).vector)))
         elif isinstance(says, Pinned):
             worst = max(worst, float(np.linalg.norm(robot.pose(q, says.frame).translation - says.point)))
+        elif isinstance(says, OnPlane):
+            worst = max(worst, abs(robot.pose(q, says.frame).translation @ says.normal - says.distance))
         else:
             assert isinstance(says, OnTorus)
             worst = max(worst, abs(np.hypot(np.hypot(q[0], q[1]) - says.major, q[2]) - says.minor))

@@ -1,0 +1,126 @@
+"""Corridors that an arm threads with a pen: thin walls, a long tool, a fixed height and no tilt."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline.constraints import height, intersection, upright
+from pipeline.constraints.inverse import InverseKinematics, in_region
+from pipeline.constraints.regions import TaskSpaceRegion
+from pipeline.environments.furniture import box
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Level, OnPlane, Task
+from pipeline.errors import ConfigError, ProblemError
+from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
+
+_CELL = 0.11  # from wall to wall, middle to middle [m]: corridors are 10 cm wide
+_WALL = 0.01  # thickness [m]
+_PEN = 0.01  # thickness [m]
+_LENGTH = 0.14  # of the pen below the fingers [m]
+_DEEP = 0.05  # the pen reaches this far between the walls [m]
+_HIGH = 0.08  # walls [m]
+_ROWS, _COLUMNS = 3, 5  # cells away from the robot, and beside each other
+_CORNER = (0.36, -2.5 * _CELL)  # of the corridors, the nearest one [m]
+_FLOOR = 0.1  # height of what the walls stand on [m]
+_LOOPS = 2  # walls taken out of the maze, so that there is more than one way
+_STATIONS = {"panda": (0.0, 0.0, -1.0)}  # direction of the tool's z axis while the pen hangs down
+_TRIES = 60  # of inverse kinematics
+
+
+class PenCorridors:
+    """Tasks of an arm that holds a pen 1 cm thick, whose tip goes from one cell of a maze to the farthest one.
+
+    Args:
+        robot: one that stands before the corridors.
+
+    Raises:
+        ConfigError: another one.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        if robot.name not in _STATIONS:
+            raise ConfigError(f"pen corridors are set up for {', '.join(_STATIONS)}, not for {robot.name!r}")
+        down = _STATIONS[robot.name]
+        pen = Obstacle(Shape.BOX, (0.0, 0.0, _LENGTH / 2), (0.0, 0.0, 0.0, 1.0), (_PEN, _PEN, _LENGTH), "pen")
+        self.robot = attach(robot, pen, robot.tool)
+        self.height = _FLOOR + _HIGH - _DEEP + _LENGTH  # of the tool
+        self.constraint = intersection(
+            upright(self.robot, robot.tool, direction=down), height(self.robot, robot.tool, self.height)
+        )
+        self.says = (Level(robot.tool, (0.0, 0.0, 1.0), down), OnPlane(robot.tool, (0.0, 0.0, 1.0), self.height))
+
+    def task(self, seed: int, number: int) -> Task:
+        """See `Family`."""
+        for attempt in range(20):
+            rng = np.random.default_rng([seed, number, attempt])
+            walls = _maze(rng)
+            obstacles = tuple(_boxes(walls))
+            validity = Validity(self.robot, obstacles, NEAR, NEAR_ITSELF)
+            first = (int(rng.integers(_ROWS)), int(rng.integers(_COLUMNS)))
+            ends = [self._over(cell, validity, rng) for cell in (first, _farthest(walls, first))]
+            if ends[0] is not None and ends[1] is not None:
+                name = f"corridor {self.robot.name} {number}"
+                return Task(name, self.robot, self.constraint, obstacles, ends[0], ends[1], self.says)
+        raise ProblemError(f"no start and goal were found for corridor {number}, {self.robot.name!r}, seed {seed}")
+
+    def _over(self, cell: tuple[int, int], validity: Validity, rng: np.random.Generator) -> np.ndarray | None:
+        """Return a free configuration (n,) with the pen in the middle of a cell; None where none is found."""
+        x, y = (corner + (index + 0.5) * _CELL for corner, index in zip(_CORNER, cell, strict=True))
+        free = (-np.inf, np.inf)
+        bounds = [(0.0, 0.0)] * 2 + [free] * 4
+        region = TaskSpaceRegion(*zip(*bounds, strict=True), Placement((x, y, self.height)))
+        inverse = InverseKinematics(self.robot, self.constraint, in_region(self.robot, self.robot.tool, region))
+        found = inverse.solutions(rng, _TRIES, self.robot.rest)
+        return next((q for q in found if validity.free(q)), None)
+
+
+def _maze(rng: np.random.Generator) -> set[frozenset[tuple[int, int]]]:
+    """Return the walls between neighbouring cells of a maze drawn by depth-first search, less a few."""
+    cells = [(i, j) for i in range(_ROWS) for j in range(_COLUMNS)]
+    walls = {frozenset((a, b)) for a in cells for b in cells if abs(a[0] - b[0]) + abs(a[1] - b[1]) == 1}
+    seen = {cells[int(rng.integers(len(cells)))]}
+    stack = list(seen)
+    while stack:
+        around = sorted(next(iter(wall - {stack[-1]})) for wall in walls if stack[-1] in wall)
+        fresh = [cell for cell in around if cell not in seen]
+        if not fresh:
+            stack.pop()
+            continue
+        following = fresh[int(rng.integers(len(fresh)))]
+        walls.discard(frozenset((stack[-1], following)))
+        seen.add(following)
+        stack.append(following)
+    order = sorted(walls, key=sorted)
+    for i in rng.choice(len(order), _LOOPS, replace=False).tolist():
+        walls.discard(order[i])
+    return walls
+
+
+def _farthest(walls: set[frozenset[tuple[int, int]]], cell: tuple[int, int]) -> tuple[int, int]:
+    """Return the cell that is the most cells away, along corridors."""
+    seen, front = [cell], [cell]
+    while front:
+        grown = []
+        for i, j in front:
+            for other in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
+                inside = 0 <= other[0] < _ROWS and 0 <= other[1] < _COLUMNS
+                if inside and other not in seen and frozenset(((i, j), other)) not in walls:
+                    seen.append(other)
+                    grown.append(other)
+        front = grown
+    return seen[-1]
+
+
+def _boxes(walls: set[frozenset[tuple[int, int]]]) -> Iterator[Obstacle]:
+    """The floor, the walls around, and those between cells."""
+    x, y = _CORNER
+    deep, wide = _ROWS * _CELL, _COLUMNS * _CELL
+    middle, z = (x + deep / 2, y + wide / 2), _FLOOR + _HIGH / 2
+    yield box("floor", (*middle, _FLOOR - 0.01), (deep + 0.02, wide + 0.02, 0.02))
+    for name, offset in (("near", -deep / 2), ("far", deep / 2)):
+        yield box(f"{name} wall", (middle[0] + offset, middle[1], z), (_WALL, wide + _WALL, _HIGH))
+    for name, offset in (("right", -wide / 2), ("left", wide / 2)):
+        yield box(f"{name} wall", (middle[0], middle[1] + offset, z), (deep + _WALL, _WALL, _HIGH))
+    for number, (a, b) in enumerate(sorted(sorted(wall) for wall in walls)):
+        at = np.array(_CORNER) + (np.array(a) + np.array(b) + 1) / 2 * _CELL
+        size = (_WALL, _CELL + _WALL, _HIGH) if a[0] != b[0] else (_CELL + _WALL, _WALL, _HIGH)
+        yield box(f"wall {number}", (*at, z), size)
