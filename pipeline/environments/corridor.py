@@ -65,9 +65,8 @@ class PenCorridors:
     def _over(self, cell: tuple[int, int], validity: Validity, rng: np.random.Generator) -> np.ndarray | None:
         """Return a free configuration (n,) with the pen in the middle of a cell; None where none is found."""
         x, y = (corner + (index + 0.5) * _CELL for corner, index in zip(_CORNER, cell, strict=True))
-        free = (-np.inf, np.inf)
-        bounds = [(0.0, 0.0)] * 2 + [free] * 4
-        region = TaskSpaceRegion(*zip(*bounds, strict=True), Placement((x, y, self.height)))
+        free = (np.inf,) * 4  # height and tilt are the constraint's, the yaw is free
+        region = TaskSpaceRegion((0, 0, *np.negative(free)), (0, 0, *free), Placement((x, y, self.height)))
         inverse = InverseKinematics(self.robot, self.constraint, in_region(self.robot, self.robot.tool, region))
         found = inverse.solutions(rng, _TRIES, self.robot.rest)
         return next((q for q in found if validity.free(q)), None)
