@@ -151,7 +151,7 @@ def test_bad_families():
     """Unknown kinds, missing and superfluous robots, parameters and unfit robots are refused by name."""
     panda = named("panda")
     for kind, robot, parameters, message in (
-        ("dors", panda, {}, "transport, door, tray, reach, maze"),
+        ("dors", panda, {}, "transport, door, tray, reach, corridor, maze"),
         ("door", None, {}, "'door' needs a robot"),
         ("maze", panda, {}, "'maze' takes no robot"),
         ("door", panda, {"rows": 3}, "takes no parameters; it was given rows"),
