@@ -59,3 +59,13 @@ def require(
     bounds = [f"{word} {bound:g}{unit}" for word, bound in words.items() if math.isfinite(bound)]
     finite = [] if math.isfinite(value) else ["finite"]
     raise ConfigError(f"{name} is {value}{unit}; it must be {' and '.join(finite + bounds)}")
+
+
+def told_apart(*values: float) -> list[str]:
+    """Return numbers as text with the digits it takes to tell different ones apart, 6 at least."""
+    texts: list[str] = []
+    for digits in range(6, 18):
+        texts = [f"{value:.{digits}g}" for value in values]
+        if len(set(texts)) == len(set(values)):
+            break
+    return texts

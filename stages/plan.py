@@ -34,6 +34,8 @@ def main(cfg: DictConfig) -> None:
     for key in ("status", "planning_time_s", "length", "length_before_shortcuts", "duration_s", "largest_violation",
                 "smallest_clearance_m"):  # fmt: skip
         print(f"{key}: {summary[key]}")
+    for note in summary["notes"]:
+        print(note)
     for pair, share in summary.get("often_in_contact", {}).items():
         print(f"in contact at {share:.0%} of random configurations: {pair}")
     print(f"written to {config.output}")

@@ -1,10 +1,12 @@
-"""The one helper that refuses numbers: bounds, their words, and what is not finite."""
+"""The helpers of messages about numbers: bounds, their words, what is not finite, and digits."""
 
 import math
+from itertools import pairwise
 
+import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, require
+from pipeline.errors import ConfigError, require, told_apart
 
 
 @pytest.mark.parametrize(
@@ -33,3 +35,16 @@ def test_refused(value, bounds, words):
 def test_accepted(value, bounds):
     """A number on a bound that includes it, or just beside one that does not, passes."""
     require("n", value, **bounds)
+
+
+def test_numbers_are_told_apart():
+    """Numbers in a message have the digits it takes to see that they differ, and no more."""
+    assert told_apart(1.0, 2.0) == ["1", "2"] and told_apart(2.8973, 2.8973) == ["2.8973"] * 2
+    rng = np.random.default_rng(0)
+    for value in rng.uniform(-10, 10, 100):
+        for apart in (1e-3, 1e-9, 1e-14):
+            other = value + apart
+            one, two = told_apart(value, other)
+            assert (one != two) == (value != other)
+    lengths = [len(told_apart(2.0, 2.0 + apart)[1]) for apart in (1e-3, 1e-6, 1e-9, 1e-12)]
+    assert all(a < b for a, b in pairwise(lengths))

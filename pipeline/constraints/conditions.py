@@ -50,6 +50,11 @@ class Condition:
         """True when `first_gap` looks at all of a chord, not only at points of it."""
         return self._bend is not None
 
+    @property
+    def margin(self) -> float:
+        """What every row of g must be at least."""
+        return self._margin
+
     def kept(self, margin: float) -> "Condition":
         """Return the same condition, met only where every row is at least `margin`."""
         other = copy(self)

@@ -36,23 +36,8 @@ def in_region(robot: Robot, frame: str, region: TaskSpaceRegion) -> Target:
     """The frame is within the region's bounds: rows are how far outside it is, and 0 all over the inside."""
 
     def rows(q: ca.SX) -> ca.SX:
-        d = region.symbolic_coordinates(robot.symbolic_pose(q, frame))
-        found = []
-        for i, (low, high, free) in enumerate(zip(region.lower, region.upper, region.free, strict=True)):
-            if free:
-                continue
-            # A little inside, so that what is met within the tolerance is within the bounds; not of a fixed dimension.
-            inset = min(_TARGET_TOLERANCE, (high - low) / 2)
-            low, high = low + inset, high - inset
-            offset = d[i]
-            if i >= 3:  # an angle counts from the middle of its bounds, whole turns aside
-                middle = (low + high) / 2
-                offset = ca.atan2(ca.sin(d[i] - middle), ca.cos(d[i] - middle))
-                low, high = low - middle, high - middle
-            above = ca.fmax(offset - high, 0) if high < np.inf else 0
-            below = ca.fmin(offset - low, 0) if low > -np.inf else 0
-            found.append(offset - low if low == high else above + below)
-        return ca.vertcat(*found)
+        # A little inside, so that what is met within the tolerance is within the bounds.
+        return region.symbolic_outside(robot.symbolic_pose(q, frame), inset=_TARGET_TOLERANCE)
 
     return rows
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -10,10 +11,11 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 from pipeline.constraints.base import Constraint
+from pipeline.constraints.orientation import AngleBounds, finite_turn
 from pipeline.constraints.poses import closed_chain
 from pipeline.errors import ConstraintError
 from pipeline.robots import IDENTITY, Placement, Robot
-from pipeline.robots.symbolic import Pose, constant, roll_pitch_yaw
+from pipeline.robots.symbolic import Pose, constant
 from pipeline.robots.virtual import DIRECTIONS, VirtualFrame, VirtualJoint, with_virtual_chain
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -62,28 +64,22 @@ class TaskSpaceRegion:
     def displacement(self, T: pin.SE3) -> np.ndarray:
         """Return how far a pose is outside of the bounds, per dimension (6,) [m, rad]; 0 within.
 
-        An angle counts from the nearer bound, whole turns aside.
+        Of all angles that say the same orientation those count that are least outside.
         """
         d = self.coordinates(T)
-        low, high = np.array(self.lower), np.array(self.upper)
-        outside = np.where(d < low, d - low, np.where(d > high, d - high, 0.0))
-        for i in range(3, 6):
-            if self.free[i]:
-                outside[i] = 0.0
-            elif outside[i]:
-                below, above = _wrapped(d[i] - low[i]), _wrapped(d[i] - high[i])
-                inside = low[i] <= d[i] + 2 * np.pi <= high[i] or low[i] <= d[i] - 2 * np.pi <= high[i]
-                outside[i] = 0.0 if inside else min(below, above, key=abs)
-        return outside
+        return np.where(self.free, 0.0, d - np.clip(d, self.lower, self.upper))
 
     def distance(self, T: pin.SE3) -> float:
         """Return ||displacement|| of a pose of e in the world (Berenson et al. 2011, eq. 6)."""
         return float(np.linalg.norm(self.displacement(T)))
 
     def coordinates(self, T: pin.SE3) -> np.ndarray:
-        """Return x, y, z, roll, pitch, yaw (6,) of a pose of e in the world, less its offset, in w."""
+        """Return x, y, z, roll, pitch, yaw (6,) of a pose of e in the world, less its offset, in w.
+
+        Of all angles that say the same orientation those are returned that are least outside of the bounds.
+        """
         T_w = self.origin.se3().actInv(T) * self.offset.se3().inverse()
-        return np.concatenate([T_w.translation, pin.rpy.matrixToRpy(T_w.rotation)])
+        return np.concatenate([T_w.translation, self._angles.nearest(T_w.rotation)])
 
     def pose(self, coordinates: np.ndarray) -> pin.SE3:
         """Return the pose of e in the world at coordinates (6,) [m, rad]."""
@@ -91,7 +87,7 @@ class TaskSpaceRegion:
         return self.origin.se3() * moved * self.offset.se3()
 
     def sample(self, rng: np.random.Generator) -> pin.SE3:
-        """Return a random pose of e within the bounds; free angles are drawn from a whole turn.
+        """Return a random pose of e within the bounds; free angles are drawn from whole turns.
 
         Raises:
             ConstraintError: a position without finite bounds.
@@ -99,7 +95,7 @@ class TaskSpaceRegion:
         low, high = np.array(self.lower), np.array(self.upper)
         for i in range(3, 6):
             if self.free[i]:
-                low[i], high[i] = -np.pi, np.pi
+                low[i], high[i] = finite_turn(low[i], high[i])
         if not np.isfinite([low, high]).all():
             raise ConstraintError("poses can only be drawn from a region whose positions have finite bounds")
         return self.pose(rng.uniform(low, high))
@@ -107,9 +103,12 @@ class TaskSpaceRegion:
     def constraint(self, robot: Robot, frame: str = "", **settings: Any) -> Constraint:
         """Return the constraint that keeps a frame (the tool by default) in the region's fixed dimensions.
 
+        F is how far the position is off, and the smallest turn by which the orientation is (see `AngleBounds`).
+        Every fixed dimension is a row; a pitch that is fixed alone, at a quarter turn, is a direction and so two.
+
         Raises:
-            ConstraintError: a dimension with an interval (it needs a chain, whose variables have limits), nothing
-                fixed, or a pitch fixed a quarter turn away, where roll and yaw are one.
+            ConstraintError: a dimension with an interval (it needs a chain, whose variables have limits), or nothing
+                fixed.
         """
         frame = frame or robot.tool
         intervals = [a for a, f, free in zip(AXES, self.fixed, self.free, strict=True) if not f and not free]
@@ -118,24 +117,41 @@ class TaskSpaceRegion:
                 f"the region of {frame!r} bounds {', '.join(intervals)} by intervals, which are no equations: use a "
                 "chain, whose variables have them as joint limits"
             )
-        rows = [i for i, fixed in enumerate(self.fixed) if fixed]
-        if not rows:
+        if not any(self.fixed):
             raise ConstraintError(f"the region of {frame!r} fixes no dimension: there is no constraint")
-        if self.fixed[4] and abs(np.cos(self.lower[4])) < 1e-6:
-            raise ConstraintError(
-                f"the region of {frame!r} fixes the pitch at {self.lower[4]:.4g} rad, where roll and yaw are one: turn "
-                "the region's frame so that the pitch is 0"
-            )
         q = ca.SX.sym("q", robot.dimension)
-        d = self.symbolic_coordinates(robot.symbolic_pose(q, frame))
-        values = ca.vertcat(*(d[i] - self.lower[i] if i < 3 else _nearest(d[i] - self.lower[i]) for i in rows))
-        labels = [f"{AXES[i]} of {frame} in the region [{_UNITS[i]}]" for i in rows]
-        return Constraint(f"region of {frame}", q, values, labels=labels, **settings)
+        T = self._inside(robot.symbolic_pose(q, frame))
+        places = [i for i in range(3) if self.fixed[i]]
+        values = [T.position[i] - self.lower[i] for i in places]
+        if any(self.fixed[3:]):
+            turn, angles = self._angles.symbolic_turn(T.rotation)
+            values, places = [*values, turn], [*places, *(3 + angle for angle in angles)]
+        labels = [f"{AXES[i]} of {frame} in the region [{_UNITS[i]}]" for i in places]
+        return Constraint(f"region of {frame}", q, ca.vertcat(*values), labels=labels, **settings)
 
-    def symbolic_coordinates(self, T: Pose) -> ca.SX:
-        """Return `coordinates` of a pose of e in the world as an expression (6,)."""
-        T_w = constant(self.origin.se3().inverse()) @ T @ constant(self.offset.se3().inverse())
-        return ca.vertcat(T_w.position, roll_pitch_yaw(T_w.rotation))
+    def symbolic_outside(self, T: Pose, inset: float = 0.0) -> ca.SX:
+        """Return rows that are how far a pose of e in the world is outside of the bounds [m, rad]; 0 inside.
+
+        Args:
+            T: the pose.
+            inset: by which intervals are made smaller at both ends [m, rad], as far as they are that wide.
+        """
+        T_w, rows = self._inside(T), []
+        for i in [i for i in range(3) if not self.free[i]]:
+            value, low, high = T_w.position[i], self.lower[i], self.upper[i]
+            kept = min(inset, (high - low) / 2)
+            above = ca.fmax(value - (high - kept), 0) if high < np.inf else 0
+            below = ca.fmin(value - (low + kept), 0) if low > -np.inf else 0
+            rows.append(value - low if low == high else above + below)
+        return ca.vertcat(*rows, self._angles.symbolic_beyond(T_w.rotation, inset))
+
+    @cached_property
+    def _angles(self) -> AngleBounds:
+        return AngleBounds(self.lower[3:], self.upper[3:])
+
+    def _inside(self, T: Pose) -> Pose:
+        """Return a pose of e in the world, less its offset, in w."""
+        return constant(self.origin.se3().inverse()) @ T @ constant(self.offset.se3().inverse())
 
 
 @dataclass(frozen=True)
@@ -204,7 +220,7 @@ def chain(
                 before = before * _step(axis, low)
                 continue
             if axis >= 3 and region.free[axis]:
-                low, high = _finite_turn(low, high)
+                low, high = finite_turn(low, high)
             links.append(VirtualJoint(direction, before, low, high, f"{end}_{AXES[axis]}"))
             before = pin.SE3.Identity()
         before = before * region.offset.se3()
@@ -216,25 +232,7 @@ def chain(
     return Chain(larger, robot.dimension, constraint, end)
 
 
-def _finite_turn(low: float, high: float) -> tuple[float, float]:
-    """Bounds of a free angle: a whole turn where one or both are missing."""
-    if np.isfinite([low, high]).all():
-        return low, high
-    if np.isfinite(low):
-        return low, low + 2 * np.pi
-    return (high - 2 * np.pi, high) if np.isfinite(high) else (-np.pi, np.pi)
-
-
 def _step(axis: int, value: float) -> pin.SE3:
     coordinates = np.zeros(6)
     coordinates[axis] = value
     return pin.SE3(pin.rpy.rpyToMatrix(*coordinates[3:]), coordinates[:3])
-
-
-def _nearest(angle: ca.SX) -> ca.SX:
-    """An angle less whole turns, in (-pi, pi]."""
-    return ca.atan2(ca.sin(angle), ca.cos(angle))
-
-
-def _wrapped(angle: float) -> float:
-    return float(np.arctan2(np.sin(angle), np.cos(angle)))

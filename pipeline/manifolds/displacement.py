@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from pipeline.constraints import Compiled
 from pipeline.robots import Robot
+from pipeline.robots.order import revolute
 
 _BLOCK = 16  # states that one call of the kinematics takes
 _MOST = 128  # relations; where there would be more, pairs of bodies are seen from the joint that carries both
@@ -63,7 +64,7 @@ class Displacement:
         self.relations = [_relation(robot, *view) for view in numbers]
         self._far = np.array([relation.far for relation in self.relations])
         self._levers = np.array([relation.levers for relation in self.relations]).reshape(-1, robot.dimension)
-        self._turning = (self._levers > 0) & _turns(robot.model)
+        self._turning = (self._levers > 0) & revolute(robot.model)
         self._poses = _Poses(robot, list(numbers), native)
 
     def rates(self, Q: np.ndarray) -> np.ndarray:
@@ -125,7 +126,7 @@ class _Poses:
 
 def _relation(robot: Robot, seen_from: int, joint: int) -> Relation:
     """See `Relation`; bounds hold wherever the joints are within their limits."""
-    model, turns = robot.model, _turns(robot.model)
+    model, turns = robot.model, revolute(robot.model)
     up, down = list(model.supports[seen_from]), list(model.supports[joint])
     shared = sum(a == b for a, b in zip(up, down, strict=False))  # joints that carry both, the world included
     far = max(_reach(body) for body in robot.geometry.geometryObjects if body.parentJoint == joint)
@@ -146,15 +147,10 @@ def _reach(body: pin.GeometryObject) -> float:
     return float(np.linalg.norm(centre)) + float(body.geometry.aabb_radius)
 
 
-def _turns(model: pin.Model) -> np.ndarray:
-    """Return which joints are revolute (n,)."""
-    return np.array(["JointModelR" in joint.shortname() for joint in list(model.joints)[1:]], bool)
-
-
 def _step(robot: Robot, joint: int) -> float:
     """Return how far the origin of a joint, moved, can be from that of the joint before it [m]."""
     model = robot.model
     slid = 0.0
-    if not _turns(model)[model.idx_vs[joint]]:
+    if not revolute(model)[model.idx_vs[joint]]:
         slid = max(abs(float(bounds[model.idx_qs[joint]])) for bounds in (robot.lower, robot.upper))
     return float(np.linalg.norm(model.jointPlacements[joint].translation)) + slid

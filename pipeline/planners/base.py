@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ConfigError, ProblemError, require
+from pipeline.errors import ConfigError, ProblemError, require, told_apart
 from pipeline.manifolds import Adherence, Counters
 from pipeline.manifolds.chords import CLEARANCE
 from pipeline.samplers.base import Sampler
@@ -102,14 +102,14 @@ class Problem:
                 space.validity.robot.joint_names, q, space.lower, space.upper, strict=True
             ):
                 if not low <= value <= high:
-                    raise ProblemError(
-                        f"{name}: joint {joint} is {value:.6g}, outside its limits [{low:.6g}, {high:.6g}]"
-                    )
+                    said, least, most = told_apart(value, low, high)
+                    raise ProblemError(f"{name}: joint {joint} is {said}, outside its limits [{least}, {most}]")
             distance = space.constraint.distance(q)
             if not distance < space.constraint.tolerance:
+                off, most = told_apart(distance, space.constraint.tolerance)
                 raise ProblemError(
-                    f"{name} is off the manifold {space.constraint.name!r}: ||F|| = {distance:.3g}, "
-                    f"tolerance {space.constraint.tolerance:.3g}; project it first"
+                    f"{name} is off the manifold {space.constraint.name!r}: ||F|| = {off}, tolerance {most}; "
+                    "project it first"
                 )
             if not space.validity.free(q):
                 raise ProblemError(f"{name} is {space.validity.reason(q)}")

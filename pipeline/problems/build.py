@@ -1,5 +1,6 @@
 """From a problem file to what planners take: robot, constraint, checker, start and goals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, intersection
 from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
-from pipeline.errors import ConfigError, ProblemError, RobotError, unknown
+from pipeline.errors import ConfigError, ProblemError, RobotError, told_apart, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity, attach
 from pipeline.robots.description import is_file, resolve
@@ -15,6 +16,7 @@ from pipeline.robots.description import is_file, resolve
 _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
 _BARREN = 100  # tries in a row that arrive nowhere, or where others did, after which there is nothing more to find
+_ROUNDED = 1e-6  # a given value so far beyond a limit is a rounded one, and taken at the limit [rad or m]
 _APART = 0.1  # goals nearer than this to each other count as one [rad or m]
 
 
@@ -31,6 +33,7 @@ class Built:
         exact: the checker without margins, for the verifier.
         starts: configurations (S, n), any of which will do; one, where the file says it exactly.
         goals: configurations (G, n), the nearest to the first start first.
+        notes: what was not taken exactly as the file says it.
     """
 
     robot: Robot
@@ -41,6 +44,7 @@ class Built:
     exact: Validity
     starts: np.ndarray
     goals: np.ndarray
+    notes: tuple[str, ...] = ()
 
 
 def build(file: ProblemFile) -> Built:
@@ -67,7 +71,8 @@ def build(file: ProblemFile) -> Built:
     if not equations:
         raise ConfigError("constraints has conditions only: a problem needs at least one equation")
     constraint = equations[0] if len(equations) == 1 else intersection(*equations)
-    validity = Validity(robot, obstacles, file.margin, file.self_margin, touching, conditions)
+    kept = [condition.kept(file.margin) for condition in conditions]
+    validity = Validity(robot, obstacles, file.margin, file.self_margin, touching, kept)
     exact = Validity(robot, obstacles, 0.0, 0.0, touching, conditions)
     finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]))
     starts = finder.find(file.start, "start", 1 if file.start.exact else file.goals, robot.rest)
@@ -76,7 +81,7 @@ def build(file: ProblemFile) -> Built:
     goals = finder.find(file.goal, "goal", file.goals, start)
     order = np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")
     names = tuple(grasp.name for grasp in file.grasps)
-    return Built(robot, constraint, obstacles, names, validity, exact, starts, goals[order])
+    return Built(robot, constraint, obstacles, names, validity, exact, starts, goals[order], tuple(finder.notes))
 
 
 def robot_settings(file: ProblemFile) -> UrdfRobot:
@@ -113,12 +118,14 @@ class _Finder:
     ) -> None:
         self.arm, self.robot, self.held = arm, robot, held
         self.constraint, self.validity, self.rng = constraint, validity, rng
+        self.notes: list[str] = []
 
     def find(self, where: Where, name: str, count: int, near: np.ndarray | None) -> np.ndarray:
         """Return one exact configuration, or up to `count` valid ones for a pose or region (m, n)."""
         if where.exact:
             q = _exact(where, self.arm, self.held, name)
-            return (self.constraint.project(q).q if where.project else q)[None]
+            q = self.constraint.project(q).q if where.project else q
+            return self._within(range(len(q)), q, name)[None]
         inverse = InverseKinematics(self.robot, self.constraint, self._target(where, name))
         found: list[np.ndarray] = []
         on_limit: list[np.ndarray] = []
@@ -163,7 +170,27 @@ class _Finder:
         for joint in values:
             if joint not in names:
                 raise ProblemError(unknown(f"{name} names a joint that {self.robot.name!r} lacks:", joint, names))
-        return with_values([(names.index(joint), value) for joint, value in values.items()])
+        numbers = [names.index(joint) for joint in values]
+        asked = self._within(numbers, np.array(list(values.values())), name)
+        return with_values(list(zip(numbers, asked.tolist(), strict=True)))
+
+    def _within(self, joints: Sequence[int], values: np.ndarray, name: str) -> np.ndarray:
+        """Return values (m,) of some joints, at the limit those that are a rounding beyond it, of which `notes` tell.
+
+        Raises:
+            ProblemError: one that is farther beyond its limit, or not finite.
+        """
+        low, high = self.robot.lower[list(joints)], self.robot.upper[list(joints)]
+        kept = np.clip(values, low, high)
+        for joint, asked, taken, least, most in zip(joints, values, kept, low, high, strict=True):
+            if asked == taken:
+                continue
+            said, lower, upper = told_apart(asked, least, most)
+            outside = f"{name}: joint {self.robot.joint_names[joint]} is {said}, outside its limits [{lower}, {upper}]"
+            if not abs(asked - taken) <= _ROUNDED:
+                raise ProblemError(outside)
+            self.notes.append(f"{outside}: taken at the limit")
+        return kept
 
 
 def _apart(q: np.ndarray, others: list[np.ndarray]) -> bool:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 from pipeline.errors import ConfigError, ProblemError, require, unknown
+from pipeline.problems.document import merged, read_yaml
 from pipeline.problems.parts import PARTS, Part
-from pipeline.problems.region import Region
+from pipeline.problems.region import Region, is_number
 from pipeline.robots import Obstacle, Placement, Shape
 from pipeline.schema import Choice, convert
 
@@ -22,6 +22,7 @@ _FAR = 100.0  # [m] beyond which obstacles are held to be given in another unit
 _FINEST = 1e-4  # spacing of a written path [rad or m]: below it files fill the disk
 _SLOWEST = 1e-3  # share of the velocity limits: below it the clock's nanoseconds run over
 _MOST_GOALS = 100  # each costs inverse kinematics, and a tree to be searched from
+_GROUPS = {"robot": "", "planner": "rrtconnect_arm", "sampler": "directions", "adherence": "projection_arm"}
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,16 @@ class Body:
             ConfigError: a pose that is not finite.
         """
         size = self.size if isinstance(self.size, list | tuple) else [self.size] * 3
-        if len(size) != 3 or not all(isinstance(s, int | float) and 0 < s < np.inf for s in size):
+        if len(size) != 3 or not all(is_number(s) and 0 < s < np.inf for s in size):
             raise ProblemError(
                 f"{self.shape.value} {self.name!r} has size {self.size}; it must be 1 or 3 numbers above 0"
             )
         if self.shape in (Shape.MESH, Shape.OCTREE) and not self.file:
             raise ProblemError(f"{self.shape.value} {self.name!r} has no file")
+        if self.file and self.shape not in (Shape.MESH, Shape.OCTREE):
+            raise ProblemError(
+                f"{self.shape.value} {self.name!r} has the file {self.file!r}, which only a mesh or octree has"
+            )
         pose = Placement(self.xyz, self.rpy).se3()
         lengths = [*map(abs, self.xyz), *(size if self.shape is not Shape.MESH else [])]  # a mesh's size is a scale
         if max(lengths) > _FAR:
@@ -108,7 +113,8 @@ class Where:
     """A start or goal: exactly one of these.
 
     Attributes:
-        configuration: of all joints, in their order [rad or m]; of a chain's robot those of the arm are enough.
+        configuration: of all joints, in the order in which the robot lists them [rad or m]; of a chain's robot those of
+            the arm are enough.
         joints: values by name; those left out rest.
         pose: of the frame in the world; solved for by inverse kinematics.
         region: the same with any pose in it.
@@ -128,9 +134,18 @@ class Where:
     def __post_init__(self) -> None:
         given = [n for n in ("configuration", "joints", "pose", "region", "values") if getattr(self, n) is not None]
         if len(given) != 1:
+            way_out = "; on the command line an empty one is left out: +changes.goal.region=" if given else ""
             raise ConfigError(
                 "a start or goal is one of configuration, joints, pose, region, values; this one has "
-                f"{', '.join(given) or 'none'}"
+                f"{', '.join(given) or 'none'}{way_out}"
+            )
+        if self.project and not self.exact:
+            raise ConfigError(
+                f"project says nothing beside {given[0]}: what inverse kinematics finds is on the manifold"
+            )
+        if self.frame and self.pose is None and self.region is None:
+            raise ConfigError(
+                f"frame is {self.frame!r} beside {given[0]}: it says where a pose or region is of, nothing else"
             )
         if self.values == {} or (self.region is not None and all(self.region.region().free)):
             raise ConfigError(f"a start or goal has {given[0]} that say nothing: any configuration would do")
@@ -155,7 +170,7 @@ class ProblemFile:
         planner, sampler, adherence: names of files in conf/, or the same content.
         time_limit: of searches and shortcuts [s]; what the file says is made before, inverse kinematics included, and
             the last path is verified after it.
-        margin: to obstacles, in planning; the check of the path has none [m].
+        margin: to obstacles, and inside what conditions bound, in planning; the check of the path has none [m].
         self_margin: between bodies of the robot, likewise [m].
         shortcuts: attempts to shorten the path.
         goals: how many configurations the pose or region of a goal, or of a start, is turned into.
@@ -171,9 +186,9 @@ class ProblemFile:
     obstacles: tuple[Body, ...] = ()
     grasps: tuple[Grasp, ...] = ()
     chain: ChainFile | None = None
-    planner: Any = "rrtconnect_arm"
-    sampler: Any = "directions"
-    adherence: Any = "projection_arm"
+    planner: Any = _GROUPS["planner"]
+    sampler: Any = _GROUPS["sampler"]
+    adherence: Any = _GROUPS["adherence"]
     time_limit: float = 10.0
     margin: float = 0.005
     self_margin: float = 0.0
@@ -219,24 +234,27 @@ class ProblemFile:
 
 
 def read_problem(path: Path | str, **changes: Any) -> ProblemFile:
-    """Read a problem file (YAML); keyword arguments replace its entries.
+    """Read a problem file (YAML); keyword arguments change its entries.
+
+    A mapping changes the entries it names and leaves the others (`goal={"region": {"x": 0.5}}`), a list or value
+    replaces what is there, and None takes an entry out, as if the file left it out.
 
     Raises:
-        ProblemError: the file is missing or no YAML.
+        ProblemError: the file is missing or no YAML, or has a key twice.
         ConfigError: a misspelt or missing key, or a value of the wrong type or out of bounds.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise ProblemError(f"problem file {path} cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise ProblemError(f"problem file {path} is no YAML: {' '.join(str(error).split())}") from None
+    content = read_yaml(path)
     if not isinstance(content, Mapping):
         raise ProblemError(f"problem file {path} holds a {type(content).__name__}; it must be a mapping")
-    if "folder" in content:
+    if "folder" in content or "folder" in changes:
         raise ConfigError("unknown key 'folder' in the problem: it is where the file is")
-    found: ProblemFile = convert({**content, **changes}, ProblemFile)
+    named = {
+        group: _content(content.get(group, default), group)
+        for group, default in _GROUPS.items()
+        if isinstance(changes.get(group), Mapping) and isinstance(content.get(group, default), str)
+    }
+    found: ProblemFile = convert(merged({**content, **named}, changes, ProblemFile), ProblemFile)
     return replace(found, folder=path.resolve().parent)
 
 
@@ -246,13 +264,15 @@ def choice(value: Any, group: str) -> Choice:
     Raises:
         ConfigError: no such file (names those there are), or content that is no choice.
     """
-    if isinstance(value, str):
-        names = sorted(path.stem for path in (CONF / group).glob("*.yaml"))
-        if value not in names:
-            raise ConfigError(unknown(f"{group} is", value, names))
-        value = yaml.safe_load((CONF / group / f"{value}.yaml").read_text())
-    made: Choice = convert(value, Choice, group)
+    made: Choice = convert(_content(value, group) if isinstance(value, str) else value, Choice, group)
     return made
+
+
+def _content(name: str, group: str) -> Any:
+    names = sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+    if name not in names:
+        raise ConfigError(unknown(f"{group} is", name, names))
+    return read_yaml(CONF / group / f"{name}.yaml")
 
 
 def _points(path: Path) -> np.ndarray:

@@ -30,6 +30,9 @@ class Region:
     origin: Placement = IDENTITY
     offset: Placement = IDENTITY
 
+    def __post_init__(self) -> None:
+        self.region()  # refuses bounds that are none
+
     def region(self) -> TaskSpaceRegion:
         """Return the region."""
         bounds = [_bounds(name, getattr(self, name)) for name in ("x", "y", "z", "roll", "pitch", "yaw")]
@@ -37,12 +40,20 @@ class Region:
         return TaskSpaceRegion(lower, upper, self.origin, self.offset)
 
 
+def is_number(value: Any) -> bool:
+    """Tell whether a value of a file is a number; `true` and `yes` are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _bounds(name: str, value: Any) -> tuple[float, float]:
     if value is None:
         return -np.inf, np.inf
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if is_number(value):
         return float(value), float(value)
     if isinstance(value, list | tuple) and len(value) == 2:
-        low, high = (convert(v, float, f"region.{name}") for v in value)
+        ends = zip(value, (-np.inf, np.inf), strict=True)
+        low, high = (open_end if v is None else convert(v, float, f"region.{name}") for v, open_end in ends)
         return low, high
-    raise ConfigError(f"region.{name} is {value!r}; it must be a number, [lower, upper], or left out")
+    raise ConfigError(
+        f"region.{name} is {value!r}; it must be a number, [lower, upper] (null where there is none), or left out"
+    )

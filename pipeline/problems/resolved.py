@@ -73,7 +73,8 @@ def _plain(value: Any) -> Any:
 
 
 def _framed(value: Any, tool: str) -> Any:
-    """Every frame that is left out is the tool."""
+    """Every frame that is left out is the tool; a start or goal by joints is of no frame."""
     if isinstance(value, dict):
-        return {k: tool if k == "frame" and v == "" else _framed(v, tool) for k, v in value.items()}
+        of_none = {"pose", "region"} <= value.keys() and value["pose"] is None and value["region"] is None
+        return {k: tool if k == "frame" and v == "" and not of_none else _framed(v, tool) for k, v in value.items()}
     return [_framed(item, tool) for item in value] if isinstance(value, list) else value

@@ -79,6 +79,7 @@ class Solution:
             "states_checked": verdict.states_checked if verdict is not None else 0,
             "starts": len(self.built.starts),
             "goals": len(self.built.goals),
+            "notes": list(self.built.notes),
             "robot": self.built.robot.name,
             "joints": list(self.built.robot.joint_names),
             "constraint": self.built.constraint.name,

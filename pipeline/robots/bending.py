@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pipeline.robots.model import Robot
+from pipeline.robots.order import revolute
 
 
 def centre_of_mass_bend(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
@@ -15,7 +16,7 @@ def centre_of_mass_bend(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
     robot is the average of these, by mass; bounds hold wherever the joints are within their limits.
     """
     model, n = robot.model, robot.dimension
-    turns = np.array(["JointModelR" in joint.shortname() for joint in list(model.joints)[1:]], bool)
+    turns = revolute(model)
     slides = np.where(turns, 0.0, np.maximum(np.abs(robot.lower), np.abs(robot.upper)))
     levers, before = np.zeros(n), np.zeros((n, n))
     total = sum(inertia.mass for inertia in list(model.inertias)[1:])

@@ -116,7 +116,7 @@ def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element
             seen.add(link)
     for element in root.iter():
         for key in (*_TRIPLES, "size", "radius", "length"):
-            if key in element.attrib and len(_numbers(element, key, path)) != 3 and key in _TRIPLES:
+            if key in element.attrib and len(numbers(element, key, path)) != 3 and key in _TRIPLES:
                 raise RobotError(f"{path} has {key}={element.get(key)!r} in a <{element.tag}>; it must be 3 numbers")
     for link, element in links.items():
         for collision in element.findall("collision"):
@@ -128,7 +128,7 @@ def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element
                 )
             _check_shape(shapes[0], link, path)
         for mass in element.findall("inertial/mass"):
-            if _numbers(mass, "value", path)[0] < 0:
+            if numbers(mass, "value", path)[0] < 0:
                 raise RobotError(f"link {link!r} of {path} has mass {mass.get('value')} kg; it must not be negative")
     for mesh in root.iterfind("./link/collision/geometry/mesh"):
         if "filename" not in mesh.attrib:
@@ -242,7 +242,7 @@ def read_srdf(path: Path) -> Semantics:
     for state in root.iter("group_state"):
         values = states.setdefault(str(state.get("name")), {})
         for joint in state.findall("joint"):
-            values[str(joint.get("name"))] = _numbers(joint, "value", path)[0]
+            values[str(joint.get("name"))] = numbers(joint, "value", path)[0]
     return Semantics(tuple(pairs), states)
 
 
@@ -275,7 +275,7 @@ def _check_shape(shape: ET.Element, link: str, path: Path) -> None:
     for key, count in _SHAPES[shape.tag].items():
         if key not in shape.attrib:
             raise RobotError(f"a <{shape.tag}> of link {link!r} of {path} has no {key}")
-        values = _numbers(shape, key, path)
+        values = numbers(shape, key, path)
         if len(values) != count or min(values) <= 0:
             raise RobotError(
                 f"a <{shape.tag}> of link {link!r} of {path} has {key}={shape.get(key)!r}; it must be {count} above 0"
@@ -286,13 +286,13 @@ def _limits(name: str, joint: ET.Element, path: Path) -> None:
     """Refuse limits that are missing, crossed or no numbers: urdfdom says so on the console only."""
     limit = joint.find("limit")
     if limit is None:
-        if joint.get("type") in ("revolute", "prismatic"):
+        if joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None:
             raise RobotError(f"joint {name!r} of {path} is {joint.get('type')} and has no <limit>")
         return
     for key in ("effort", "velocity"):
         if key not in limit.attrib:
             raise RobotError(f"the <limit> of joint {name!r} of {path} has no {key}")
-    found = {key: _numbers(limit, key, path) for key in ("lower", "upper", "velocity", "effort") if key in limit.attrib}
+    found = {key: numbers(limit, key, path) for key in ("lower", "upper", "velocity", "effort") if key in limit.attrib}
     for key, values in found.items():
         if len(values) != 1:
             raise RobotError(
@@ -305,7 +305,12 @@ def _limits(name: str, joint: ET.Element, path: Path) -> None:
         raise RobotError(f"joint {name!r} of {path} has lower limit {lower} above its upper limit {upper}")
 
 
-def _numbers(element: ET.Element, key: str, path: Path) -> list[float]:
+def numbers(element: ET.Element, key: str, path: Path) -> list[float]:
+    """Return the numbers of an attribute.
+
+    Raises:
+        RobotError: it holds none, or something else.
+    """
     text = element.get(key, "")
     try:
         values = [float(part) for part in text.split()]

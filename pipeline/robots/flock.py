@@ -8,6 +8,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from pipeline.robots.order import place_variables
+
 
 class Flock:
     """Copies of a robot's moving bodies, one for each configuration that is asked.
@@ -29,6 +31,8 @@ class Flock:
                 parent = joints[body.parentJoint]
                 copied = pin.GeometryObject(f"{body.name} {copy}", parent, body.placement, body.geometry)
                 self._bodies.addGeometryObject(copied)
+        places = list(model.idx_qs)[1:]
+        place_variables(self._model, [copy * model.nq + place for copy in range(copies) for place in places])
         self._data, self._placed = self._model.createData(), self._bodies.createData()
         self._manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(self._model, self._bodies, self._placed)
         self._tree = self._manager.getManager()

@@ -19,7 +19,8 @@ class Robot:
 
     Attributes:
         name: how reports and recordings call it.
-        model: pinocchio model; every joint has one degree of freedom.
+        model: pinocchio model; every joint has one degree of freedom. Joints are in the order of the kinematic tree,
+            variables need not be: that of a joint is q[model.idx_qs[joint]].
         geometry: collision geometry, with the self-collision pairs to check.
         lower, upper: joint limits (n,) [rad or m].
         travel: no point of a body moves farther than this times the joint distance [m per rad or m]; None where no
@@ -47,7 +48,8 @@ class Robot:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints in configuration order."""
-        return tuple(self.model.names)[1:]
+        placed = zip(list(self.model.idx_qs)[1:], list(self.model.names)[1:], strict=True)
+        return tuple(name for _, name in sorted(placed))
 
     @property
     def body_names(self) -> tuple[str, ...]:

@@ -74,13 +74,13 @@ def rotation_vector(R: ca.SX) -> ca.SX:
     return _unless_opposite(sines, cosine, sines * (ca.atan2(sine, cosine) / sine))
 
 
-def direction_error(direction: ca.SX, wanted: np.ndarray) -> ca.SX:
+def direction_error(direction: ca.SX, wanted: np.ndarray, across: np.ndarray | None = None) -> ca.SX:
     """Return the turn that brings a unit vector (3,) onto `wanted`, as two expressions (2,) [rad].
 
     Its length is the angle between the two; so opposite directions are far apart, not equal as by the cross product.
+    `across` are the two unit vectors (2, 3) it is given along; any that are perpendicular to `wanted` by default.
     """
-    basis = perpendicular(wanted)
-    sines = ca.SX(ca.DM(basis)) @ direction
+    sines = ca.SX(ca.DM(perpendicular(wanted) if across is None else across)) @ direction
     sine = ca.sqrt(ca.sumsqr(sines) + _SMALL)
     cosine = ca.dot(ca.DM(wanted), direction)
     return _unless_opposite(sines, cosine, sines * (ca.atan2(sine, cosine) / sine))

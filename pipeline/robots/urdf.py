@@ -1,7 +1,7 @@
 """A robot from any URDF and SRDF: which joints are planned for, where the others stand, and which geometry counts."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +19,9 @@ from pipeline.robots.description import (
     read_urdf,
     resolve,
 )
+from pipeline.robots.mimic import Follower, followed, leaders, take_followers
 from pipeline.robots.model import Robot
+from pipeline.robots.order import in_order
 
 _SLACK = 1e-6  # a named state may be rounded a little past a limit [rad or m]
 
@@ -30,15 +32,17 @@ class UrdfRobot:
 
     Attributes:
         urdf: path, or `package://name/rest` (see `description.resolve`).
-        joints: of the planning group. Configurations list them in the order of the kinematic tree.
+        joints: of the planning group, in the order of configurations. None may mimic another, or be mimicked.
         tool: frame that constraints and goals speak of.
         name: how reports call it.
         srdf: path or `package://`; empty without one.
         package_dirs: folders with packages that `package://` may name.
         rest: value of joints in the group at rest; joints it does not name are at 0, or at the middle of limits
             that leave out 0 [rad or m].
-        fixed: where joints outside the group stand; those it does not name, as for `rest` [rad or m].
-        state: a named state of the SRDF that `rest` and `fixed` fall back on; empty for none.
+        fixed: where joints outside the group stand; those it does not name, as for `rest` [rad or m]. A joint that
+            mimics another follows it: it need not be named, nor have limits, and must not be named with another value.
+        state: a named state of the SRDF that `rest` and `fixed` fall back on; empty for none. Joints that mimic others
+            follow them, whatever it says of them.
         geometry: what meshes become.
         ignored: further pairs of links that are not checked against each other.
         movable: fixed joints of the file that move after all, by name.
@@ -70,7 +74,8 @@ class UrdfRobot:
 
         Raises:
             RobotError: a file that is missing or malformed; a joint, frame, link or state that does not exist (the
-                message names those there are); a value outside its joint's limits; limits that are not finite.
+                message names those there are); a value outside its joint's limits; limits that are not finite or leave
+                a joint of the group no range; a joint in the group that mimics another or is mimicked.
         """
         path = resolve(self.urdf, self.package_dirs)
         root = read_urdf(path, self.package_dirs)
@@ -86,7 +91,7 @@ class UrdfRobot:
                     raise RobotError(
                         unknown(f"ignored of robot {self.name!r} names a link that does not exist:", link, links)
                     )
-        followers = self._followers(root)
+        followers = take_followers(root, path)
         bound_continuous(root, self.continuous)
         if self.floating:
             float_base(root, self.floating)
@@ -97,7 +102,8 @@ class UrdfRobot:
         except Exception as error:  # what pinocchio's and assimp's C++ throw has no common class
             raise RobotError(f"{path} cannot be loaded: {str(error).strip()}") from None
         simplified(geometry, self.geometry)
-        standing = self._standing(model, semantics, followers)
+        fastened = [str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") == "fixed"]
+        standing = self._standing(model, semantics, followers, fastened)
         locked = [model.getJointId(name) for name in list(model.names)[1:] if name not in self.joints]
         if locked:
             try:
@@ -105,10 +111,16 @@ class UrdfRobot:
             except ValueError as error:  # pinocchio takes no moving joint with the name of a link there
                 raise RobotError(f"{path}: joints cannot be fixed: {error}; rename the joint or the link") from None
         model.name = self.name
+        model = in_order(model, self.joints)
         lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
-        for name, low, high in zip(list(model.names)[1:], lower, upper, strict=True):
+        for name, low, high in zip(self.joints, lower, upper, strict=True):
             if not np.isfinite([low, high]).all():
                 raise RobotError(f"joint {name!r} of {self.name!r} has limits {low} and {high}; they must be finite")
+            if low == high:
+                raise RobotError(
+                    f"joint {name!r} of {self.name!r} has limits {low} and {high}, which leave it no range: give its "
+                    "<limit> a lower and an upper one (0 where left out), or leave the joint out of `joints`"
+                )
         _add_pairs(model, geometry, (*semantics.disabled, *self.ignored), neighbours=bool(semantics.disabled))
         robot = Robot(
             self.name,
@@ -117,30 +129,14 @@ class UrdfRobot:
             lower,
             upper,
             velocity=np.where(model.velocityLimit > 0, model.velocityLimit, 1.0),  # exporters write 0 for none
-            rest=np.array([standing[name] for name in list(model.names)[1:]]),
+            rest=np.clip([standing[name] for name in self.joints], lower, upper),
             tool=self.tool,
         )
         robot.frame_id(self.tool)
         return robot
 
-    def _followers(self, root: ET.Element) -> dict[str, tuple[str, float, float]]:
-        """Return joints that mimic others: the other's name, multiplier and offset."""
-        found = {}
-        for joint in root.findall("joint"):
-            mimic = joint.find("mimic")
-            if mimic is None:
-                continue
-            name, leader = str(joint.get("name")), str(mimic.get("joint"))
-            if name in self.joints or leader in self.joints:
-                raise RobotError(
-                    f"joint {name!r} mimics {leader!r}: neither can be in the planning group of {self.name!r}, whose "
-                    "joints move by themselves"
-                )
-            found[name] = leader, float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
-        return found
-
     def _standing(
-        self, model: pin.Model, semantics: Semantics, followers: Mapping[str, tuple[str, float, float]]
+        self, model: pin.Model, semantics: Semantics, followers: Mapping[str, Follower], fastened: Collection[str]
     ) -> dict[str, float]:
         """Return where every joint with one degree of freedom stands at rest [rad or m]."""
         names = list(model.names)[1:]
@@ -168,13 +164,10 @@ class UrdfRobot:
         if self.state and self.state not in states:
             raise RobotError(unknown(f"the SRDF of robot {self.name!r} has no state", self.state, states))
         given = {**states.get(self.state, {}), **self.fixed, **self.rest}
-        for name, (leader, multiplier, offset) in followers.items():
-            if name not in given and leader in given:
-                given[name] = multiplier * given[leader] + offset
-        standing = {}
+        standing: dict[str, float] = {}
         for name in names:
             joint = model.joints[model.getJointId(name)]
-            if joint.nq != 1:
+            if joint.nq != 1 or name in followers:
                 continue
             low, high = (bounds[joint.idx_q] for bounds in (model.lowerPositionLimit, model.upperPositionLimit))
             middle = 0.0 if low <= 0 <= high else (low + high) / 2
@@ -183,7 +176,48 @@ class UrdfRobot:
                 raise RobotError(
                     f"joint {name!r} of {self.name!r} rests at {standing[name]}; its limits are {low} and {high}"
                 )
-        return standing
+        return standing | {name: self._following(name, followers, standing, fastened) for name in followers}
+
+    def _following(
+        self, name: str, followers: Mapping[str, Follower], standing: Mapping[str, float], fastened: Collection[str]
+    ) -> float:
+        """Return where a joint that mimics others stands [rad or m].
+
+        Args:
+            name: of the joint.
+            followers: all that mimic others.
+            standing: where the others stand.
+            fastened: joints of the file that do not move; they are at 0.
+        """
+        led_by = leaders(name, followers)
+        if name in self.joints and led_by[-1] not in self.joints:
+            raise RobotError(
+                f"joint {name!r} of {self.name!r} mimics {led_by[0]!r} and does not move by itself: leave it out of "
+                f"`joints` and say where {led_by[-1]!r} stands in `fixed`"
+            )
+        if led_by[-1] in self.joints:
+            raise RobotError(
+                f"joint {name!r} mimics {led_by[0]!r}, but a variable of {self.name!r} moves one joint only: leave "
+                f"{led_by[-1]!r} out of `joints` and say where it stands in `fixed`; {name!r} follows it"
+            )
+        if led_by[-1] not in standing and led_by[-1] not in fastened:
+            if name in self.fixed:
+                return self.fixed[name]
+            raise RobotError(
+                unknown(
+                    f"joint {name!r} of {self.name!r} mimics a joint that does not exist (mend it, or say where "
+                    f"{name!r} stands in `fixed`):",
+                    led_by[-1],
+                    [*standing, *fastened],
+                )
+            )
+        value = followed(name, followers, standing)
+        if abs(self.fixed.get(name, value) - value) > _SLACK:
+            raise RobotError(
+                f"fixed puts joint {name!r} of {self.name!r} at {self.fixed[name]}, but it mimics {led_by[0]!r} and "
+                f"stands at {value}: leave it out, or say where {led_by[-1]!r} stands"
+            )
+        return value
 
 
 def _configuration(model: pin.Model, standing: Mapping[str, float]) -> np.ndarray:

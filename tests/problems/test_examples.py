@@ -117,12 +117,13 @@ def test_palm_keeps_height_and_direction():
 
 
 def test_feet_stand_and_mass_is_over_them():
-    """By pinocchio Pholus' feet do not move and its centre of mass stays 2 cm inside their outline's bounding box."""
-    robot, Q, _ = states("balance_pholus")
+    """By pinocchio Pholus' feet do not move and its mass stays 2.4 cm inside their outline's bounding box."""
+    robot, Q, found = states("balance_pholus")
+    inside = 0.02 + found.file.margin - 1e-3  # between two states that planning looks at the mass may dip
     data = robot.model.createData()
     feet = np.array([[robot.pose(q, f"contact_{i}").translation for i in range(1, 5)] for q in Q])
     assert np.linalg.norm(feet - feet[0], axis=2).max() < 2e-3
-    low, high = feet[0, :, :2].min(axis=0) + 0.02, feet[0, :, :2].max(axis=0) - 0.02
+    low, high = feet[0, :, :2].min(axis=0) + inside, feet[0, :, :2].max(axis=0) - inside
     for q in Q:
         com = pin.centerOfMass(robot.model, data, q)[:2]
         assert (com > low).all() and (com < high).all()

@@ -3,8 +3,10 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
-from pipeline.constraints import TaskSpaceRegion, upright
+from pipeline.constraints import TaskSpaceRegion, height, upright
 from pipeline.constraints.inverse import InverseKinematics, at_pose, in_region, with_values
 from pipeline.robots import Placement
 from tests.robots.named import named
@@ -52,6 +54,50 @@ def test_half_bounded_and_turned_regions():
     found = solutions(robot, in_region(robot, robot.tool, region))
     assert len(found) > 10
     assert max(region.distance(robot.pose(q, robot.tool)) for q in found) < 2e-3
+
+
+def turn_to(region: TaskSpaceRegion, T: pin.SE3) -> float:
+    """The smallest angle from a pose to an orientation of the region: tried on a grid, then refined."""
+    R = (region.origin.se3().inverse() * T * region.offset.se3().inverse()).rotation
+    low, high = (np.nan_to_num(side[3:], neginf=-np.pi, posinf=np.pi) for side in (region.lower, region.upper))
+
+    wide = low < high
+
+    def turn(angles: np.ndarray) -> np.ndarray:
+        whole = np.broadcast_to(low, (*angles.shape[:-1], 3)).copy()
+        whole[..., wide] = angles
+        return (Rotation.from_matrix(R).inv() * Rotation.from_euler("xyz", whole)).as_rotvec()
+
+    if not wide.any():
+        return float(np.linalg.norm(turn(np.zeros(0))))
+    axes = [np.linspace(a, b, 20) for a, b in zip(low[wide], high[wide], strict=True)]
+    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, len(axes))
+    begin = grid[np.argsort(np.linalg.norm(turn(grid), axis=1))[:3]]
+    ends = [
+        least_squares(turn, np.clip(x, low[wide] + 1e-9, high[wide] - 1e-9), bounds=(low[wide], high[wide]))
+        for x in begin
+    ]
+    return min(float(np.linalg.norm(end.fun)) for end in ends)
+
+
+@pytest.mark.parametrize("pitch", [0.0, np.pi / 2, -np.pi / 2, 2.0, 7.0])
+def test_regions_of_any_pitch(pitch):
+    """For regions about a pose that the hand can have, whatever their pitch, configurations are found inside them."""
+    robot, rng = named("panda"), np.random.default_rng(1)
+    for _ in range(5):
+        q = rng.uniform(robot.lower, robot.upper)
+        middle = np.r_[0, 0, 0, rng.uniform(-7, 7), pitch, rng.uniform(-7, 7)]
+        half = np.r_[[0.05] * 3, rng.choice([0.0, 0.1, INF]), rng.choice([0.0, 0.3]), rng.choice([0.0, 0.1, INF])]
+        lower, upper = tuple(middle - half), tuple(middle + half)
+        drawn = TaskSpaceRegion(lower, upper).sample(rng)
+        region = TaskSpaceRegion(lower, upper, Placement.of(robot.pose(q, robot.tool) * drawn.inverse()))
+        constraint = height(robot, "panda_link4", float(robot.pose(q, "panda_link4").translation[2]))
+        inverse = InverseKinematics(robot, constraint, in_region(robot, robot.tool, region))
+        found = list(inverse.solutions(rng, 20))
+        assert len(found) > 2
+        for T in (robot.pose(x, robot.tool) for x in found[:2]):
+            assert np.abs(region.displacement(T)[:3]).max() < 1e-3
+            assert turn_to(region, T) < 1.1e-3
 
 
 def test_values():

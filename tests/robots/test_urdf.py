@@ -17,7 +17,7 @@ from pipeline.schema import Choice
 from tests.robots.named import FOLDER, ROBOT_NAMES, configurations, named
 
 SHARE = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
-DIMENSIONS = {"baxter_right": 7, "baxter_both": 14, "panda": 7, "sawyer": 7, "olivia": 17, "pholus": 41}
+DIMENSIONS = {"baxter_right": 7, "baxter_both": 14, "panda": 7, "sawyer": 7, "olivia": 17, "pholus": 41, "ur5": 6}
 FRAMES = {
     "baxter_right": ["right_gripper", "right_lower_elbow"],
     "baxter_both": ["left_gripper", "right_gripper"],
@@ -25,6 +25,7 @@ FRAMES = {
     "sawyer": ["right_hand", "right_l3"],
     "olivia": ["left_palm", "right_palm"],
     "pholus": ["ball1", "ball2", "contact_1", "contact_2", "contact_3", "contact_4"],
+    "ur5": ["tool0", "forearm_link"],
 }
 
 
@@ -249,6 +250,11 @@ BAD_FILES = {
     "two trees": (TINY.replace('<link name="a"/>', '<link name="a"/><link name="z"/>'), "2 root links .a, z"),
     "joint type": (TINY.replace('type="continuous"', 'type="hinge"'), "'two' .* type 'hinge'; there are: revolute"),
     "no limit": (re.sub(r"<limit.*/>", "", TINY), "'one' .* no <limit>"),
+    "no range": (TINY.replace('lower="-1" upper="1" ', ""), "'one' .* limits 0.0 and 0.0.*0 where left out"),
+    "mimic of nobody": (TINY.replace("<axis", "<mimic/><axis", 1), "<mimic> of joint 'one' of .* names no joint"),
+    "mimic no number": (TINY.replace("<axis", '<mimic joint="two" offset="x"/><axis', 1), "offset='x' in a <mimic>"),
+    "mimic of two": (TINY.replace("<axis", '<mimic joint="two" offset="1 2"/><axis', 1), "must be one number"),
+    "mimic of itself": (TINY.replace("<axis", '<mimic joint="one"/><axis', 1), "in a loop: one, one"),
     "limits crossed": (TINY.replace('lower="-1"', 'lower="2"'), "lower limit 2.0 above its upper limit 1.0"),
     "limit no number": (TINY.replace('lower="-1"', 'lower="low"'), "lower='low'"),
     "velocity below 0": (TINY.replace('velocity="1"', 'velocity="-1"'), "'one' .* has velocity limit -1.0"),
@@ -400,23 +406,6 @@ def test_a_link_may_have_its_joints_name(tmp_path):
     assert robot.pose(np.zeros(2), "two").translation == pytest.approx([1, 0, 0])
     with pytest.raises(RobotError, match=r'name="two".*rename the joint or the link'):
         tiny(tmp_path, text, joints=("two",), tool="two").robot()
-
-
-SLIDER = """<link name="e"/><joint name="three" type="prismatic"><parent link="d"/><child link="e"/><axis xyz="1 0 0"/>
-  <limit lower="0" upper="1" velocity="0" effort="0"/></joint></robot>"""
-
-
-def test_mimicking_joints(tmp_path):
-    """A joint that mimics another stands where that one puts it; in or beside the group it is refused."""
-    two = '<joint name="two" type="continuous">'
-    text = TINY.replace(two, two + '<mimic joint="one" multiplier="2" offset="0.1"/>')
-    slider = text.replace("</robot>", SLIDER)
-    robot = tiny(tmp_path, slider, joints=("three",), fixed={"one": 0.4}).robot()
-    pose = robot.pose(np.zeros(1), "c")
-    assert pose.rotation == pytest.approx(pin.utils.rotate("z", 0.4) @ pin.utils.rotate("y", 0.9))
-    assert robot.velocity.tolist() == [1.0]  # a limit of 0 is none
-    with pytest.raises(RobotError, match="'two' mimics 'one'"):
-        tiny(tmp_path, text, joints=("one",)).robot()
 
 
 def test_movable_replaces_axis_and_limits(tmp_path):
