@@ -22,8 +22,6 @@ class Robot:
         model: pinocchio model; every joint has one degree of freedom.
         geometry: collision geometry, with the self-collision pairs to check.
         lower, upper: joint limits (n,) [rad or m].
-        travel: no point of a body moves farther than this times the joint distance [m per rad or m]; None where no
-            such bound is known. With it, one collision check with more margin stands for several between states.
         velocity: joint velocity limits (n,) [rad/s or m/s]; None where they are not known.
         rest: a configuration to begin with and to draw (n,); None where there is none.
         tool: the frame that constraints and goals speak of unless they name another; empty without one.
@@ -34,7 +32,6 @@ class Robot:
     geometry: pin.GeometryModel
     lower: np.ndarray
     upper: np.ndarray
-    travel: float | None = None
     velocity: np.ndarray | None = None
     rest: np.ndarray | None = None
     tool: str = ""
@@ -53,6 +50,14 @@ class Robot:
     def body_names(self) -> tuple[str, ...]:
         """Names of the collision bodies."""
         return tuple(body.name for body in self.geometry.geometryObjects)
+
+    @cached_property
+    def travel(self) -> float | None:
+        """No point of a body moves farther than this times the joint distance, nor away from one of another body.
+
+        None where a joint turns a body: bounds for arms are too wide for one check to stand for several.
+        """
+        return travel.sliding_bound(self)
 
     @cached_property
     def lever_arms(self) -> tuple[np.ndarray, np.ndarray]:
@@ -143,4 +148,4 @@ def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -
     geometry = pin.GeometryModel()
     ball = pin.GeometryObject("point", joint, pin.SE3.Identity(), pin.hppfcl.Sphere(radius))
     geometry.addGeometryObject(ball)
-    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float), travel=1.0, tool="point")
+    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float), tool="point")
