@@ -1,7 +1,7 @@
 """A robot: a pinocchio model of the planning group, its collision geometry and its symbolic kinematics."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from pipeline.errors import RobotError, unknown
 from pipeline.robots import travel
+from pipeline.robots.shapes import BodyShape
 from pipeline.robots.symbolic import Pose, constant, joint_pose
 
 
@@ -25,6 +26,8 @@ class Robot:
         velocity: joint velocity limits (n,) [rad/s or m/s]; None where they are not known.
         rest: a configuration to begin with and to draw (n,); None where there is none.
         tool: the frame that constraints and goals speak of unless they name another; empty without one.
+        base: names of the bodies that stand with the root link; they may touch what they stand on.
+        touching: pairs of bodies by name that may touch, and how deep [m]; None for the usual depth (see `Validity`).
     """
 
     name: str
@@ -35,6 +38,8 @@ class Robot:
     velocity: np.ndarray | None = None
     rest: np.ndarray | None = None
     tool: str = ""
+    base: frozenset[str] = frozenset()
+    touching: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
@@ -50,6 +55,11 @@ class Robot:
     def body_names(self) -> tuple[str, ...]:
         """Names of the collision bodies."""
         return tuple(body.name for body in self.geometry.geometryObjects)
+
+    @cached_property
+    def shapes(self) -> tuple[BodyShape, ...]:
+        """The shapes of the collision bodies as checks take them."""
+        return tuple(BodyShape(body.geometry) for body in self.geometry.geometryObjects)
 
     @cached_property
     def travel(self) -> float | None:
