@@ -11,10 +11,11 @@ from pipeline.constraints import Constraint, upright
 from pipeline.environments.furniture import box, cylinder
 from pipeline.environments.task import NEAR, NEAR_ITSELF, Level, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
-from pipeline.robots import Obstacle, Robot, Validity
+from pipeline.robots import Obstacle, Robot, Validity, stands_clear
 
 _TRIES = 80  # times fifty random configurations
-_EDGE = 0.15  # from the shoulder to the table [m]
+_EDGE = 0.15  # from the shoulder to where objects may stand [m], less half of the widest
+_LENGTH = 1.2  # of a table that begins there [m]
 _LEAST = 1.0  # start and goal are at least this far apart [rad]
 
 
@@ -28,6 +29,7 @@ class Station:
         reach: nearest and farthest objects [m].
         top: height of the table [m].
         level: direction of the tool's z axis in the world while it is level.
+        edge: from the shoulder to the table [m]: it begins in front of the robot's own base.
     """
 
     shoulder: tuple[float, float]
@@ -35,11 +37,12 @@ class Station:
     reach: tuple[float, float]
     top: float
     level: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    edge: float = _EDGE
 
 
 STATIONS = {
     "panda": Station((0.0, 0.0), (-1.3, 1.3), (0.38, 0.8), 0.0),
-    "baxter_right": Station((0.06, -0.26), (-1.1, 0.8), (0.45, 1.0), -0.15),
+    "baxter_right": Station((0.06, -0.26), (-1.1, 0.8), (0.45, 1.0), -0.15, edge=0.16),
 }
 
 
@@ -67,6 +70,8 @@ class UprightTransport:
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
             obstacles = tuple(_scene(rng, station, shelf=number % 2 == 1))
+            if not stands_clear(robot, obstacles):  # the other arm is in the way
+                continue
             validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF)
             ends = two_ends(
                 partial(_draw, rng, robot, constraint),
@@ -83,8 +88,8 @@ class UprightTransport:
 def _scene(rng: np.random.Generator, station: Station, shelf: bool) -> Iterator[Obstacle]:
     x, y = station.shoulder
     far = station.reach[1]
-    # The table begins in front of the arm's own base.
-    yield box("table", (x + _EDGE + 0.6, y, station.top - 0.02), (1.2, 2.2, 0.04), 0.0)
+    length = _LENGTH - (station.edge - _EDGE)
+    yield box("table", (x + station.edge + length / 2, y, station.top - 0.02), (length, 2.2, 0.04), 0.0)
     count = int(rng.integers(14, 39))
     boards: list[tuple[float, float, float, float]] = []
     if shelf:

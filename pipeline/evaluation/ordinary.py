@@ -3,7 +3,7 @@
 Peers of ours in the benchmark only. They share no code with `Constraint` and `Validity`, so they check them as well.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -138,15 +138,22 @@ _PARTS: dict[type, Any] = {Level: _Level, Joined: _Joined, Pinned: _Pinned, OnPl
 
 
 class OrdinaryValidity:
-    """All pairs of robot and obstacles by `pinocchio.computeCollisions`; other conditions are asked as they are."""
+    """All pairs of robot and obstacles by `pinocchio.computeCollisions`; other conditions are asked as they are.
+
+    Who may touch whom, and how deep, is the task's.
+    """
 
     def __init__(self, task: Task) -> None:
-        robot, obstacles, touching = task.robot, task.obstacles, task.touching
-        self._conditions = task.validity().conditions
+        robot, validity = task.robot, task.validity()
+        self._conditions = validity.conditions
         self._model, self._data = robot.model, robot.model.createData()
         self._geometry = robot.geometry.copy()
-        _furnish(self._geometry, obstacles, touching)
+        _furnish(self._geometry, task.obstacles)
         self._placed = self._geometry.createData()
+        depths = {frozenset((pair.first, pair.second)): pair.depth for pair in validity.pairs() if pair.depth}
+        names = [*robot.body_names, *(obstacle.name for obstacle in task.obstacles)]
+        for pair, request in zip(self._geometry.collisionPairs, self._placed.collisionRequests, strict=True):
+            request.security_margin = -depths.get(frozenset((names[pair.first], names[pair.second])), 0.0)
 
     def free(self, q: np.ndarray) -> bool:
         """True when no pair collides at q (n,) and the conditions hold."""
@@ -155,13 +162,11 @@ class OrdinaryValidity:
         return not pin.computeCollisions(self._model, self._data, self._geometry, self._placed, q, True)
 
 
-def _furnish(geometry: pin.GeometryModel, obstacles: Sequence[Obstacle], touching: Collection[tuple[str, str]]) -> None:
+def _furnish(geometry: pin.GeometryModel, obstacles: Sequence[Obstacle]) -> None:
     """Add obstacles, and their pairs with the bodies that move."""
     moving = [i for i, body in enumerate(geometry.geometryObjects) if body.parentJoint]
-    names = [body.name for body in geometry.geometryObjects]
     for number, obstacle in enumerate(obstacles):
         placement = pin.SE3(obstacle.rotation, np.array(obstacle.position))
         added = geometry.addGeometryObject(pin.GeometryObject(f"obstacle {number}", 0, placement, obstacle.geometry()))
         for i in moving:
-            if (names[i], obstacle.name) not in touching:
-                geometry.addCollisionPair(pin.CollisionPair(i, added))
+            geometry.addCollisionPair(pin.CollisionPair(i, added))

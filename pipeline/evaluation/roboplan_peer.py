@@ -121,10 +121,12 @@ class RoboplanPeer:
         )
 
     def _hold(self, own: Collection[str]) -> None:
-        """Attach the bodies that the robot holds besides its own."""
+        """Attach the bodies that the robot holds besides its own; bodies that may touch are no pair to check there."""
         geometry, frames = self.robot.geometry, self.robot.model.frames
         links = [frames[body.parentFrame].name for body in geometry.geometryObjects]
-        paired = {frozenset((pair.first, pair.second)) for pair in geometry.collisionPairs}
+        names, touching = self.robot.body_names, {frozenset(pair) for pair in self.robot.touching}
+        pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+        paired = {frozenset(pair) for pair in pairs if frozenset(names[i] for i in pair) not in touching}
         for i, body in enumerate(geometry.geometryObjects):
             if body.name not in own:
                 carrier = frames[body.parentFrame]

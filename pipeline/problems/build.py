@@ -59,10 +59,11 @@ def build(file: ProblemFile) -> Built:
         held = chain(robot, [r.region() for r in file.chain.regions], file.chain.frame, file.chain.name)
         robot = held.robot
     obstacles = tuple(body.obstacle(file.folder) for body in file.obstacles)
-    touching = []
+    touching: dict[tuple[str, str], float | None] = {}
     for grasp in file.grasps:
-        robot = attach(robot, grasp.obstacle(file.folder), grasp.frame or robot.tool, grasp.beside)
-        touching += [(grasp.name, name) for name in grasp.touches]
+        beside, frame = grasp.depths("beside"), grasp.frame or robot.tool
+        robot = attach(robot, grasp.obstacle(file.folder), frame, beside, grasp.mass)
+        touching.update({(grasp.name, name): depth for name, depth in grasp.depths("touches").items()})
     begin = _exact(file.start, arm, held, "start") if file.start.exact else None
     made = [part(robot, begin) for part in file.parts()]
     equations = [held.constraint] if held is not None else []

@@ -90,13 +90,35 @@ class Grasp(Body):
 
     Attributes:
         frame: that carries it; the tool by default.
-        touches: obstacles that the body may touch.
-        beside: bodies of the robot that the body may touch, besides those of the joint that carries it.
+        touches: obstacles that the body may touch: names, or names and how deep [m] (see `Validity`).
+        beside: bodies of the robot that the body may touch, besides those of the joint that carries it; likewise.
+        mass: of the body [kg], for the balance of the robot.
     """
 
     frame: str = ""
-    touches: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ()
+    touches: Any = ()
+    beside: Any = ()
+    mass: float = 0.0
+
+    def __post_init__(self) -> None:
+        require("grasp.mass", self.mass, at_least=0, unit=" kg")
+        for name in ("touches", "beside"):
+            self.depths(name)
+
+    def depths(self, which: str) -> dict[str, float | None]:
+        """Return whom the body may touch by `touches` or `beside`, and how deep [m]; None for the usual depth.
+
+        Raises:
+            ConfigError: neither a list of names nor a mapping of names to depths.
+        """
+        value = getattr(self, which)
+        if isinstance(value, Mapping):
+            given: dict[str, float] = convert(value, dict[str, float], f"grasp.{which}")
+            for name, depth in given.items():
+                require(f"grasp.{which}.{name}", depth, above=0, unit=" m")
+            return dict(given)
+        names: tuple[str, ...] = convert(value, tuple[str, ...], f"grasp.{which}")
+        return dict.fromkeys(names)
 
 
 @dataclass(frozen=True)

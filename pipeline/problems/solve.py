@@ -64,7 +64,8 @@ class Solution:
         """Return the result as plain data."""
         verdict = self.verdict
         hints = {} if self.solved else {"often_in_contact": often_in_contact(self.built)}
-        clearance = min((self.built.exact.clearance(q) for q in self.path), default=np.inf)
+        clearance = self.built.exact.least_clearance(self.path)
+        deepest = self.built.exact.deepest_contact(self.path)
         return {
             "status": self.status,
             "setup_time_s": self.setup,
@@ -76,6 +77,9 @@ class Solution:
             "states": len(self.path),
             "largest_violation": verdict.max_violation if verdict is not None else None,
             "smallest_clearance_m": float(clearance) if np.isfinite(clearance) else None,
+            "deepest_contact_m": 0.0 if deepest is None else deepest.depth,
+            "deepest_contact": None if deepest is None else [deepest.first, deepest.second],
+            "surfaces": list(self.built.exact.surfaces),
             "states_checked": verdict.states_checked if verdict is not None else 0,
             "starts": len(self.built.starts),
             "goals": len(self.built.goals),

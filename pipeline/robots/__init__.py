@@ -2,11 +2,13 @@
 
 from pipeline.robots.bodies import Geometry
 from pipeline.robots.collision import Validity
+from pipeline.robots.contact import Contact, Pair
 from pipeline.robots.description import Movable
 from pipeline.robots.grasp import attach
 from pipeline.robots.model import Robot, point_robot
 from pipeline.robots.obstacles import PRIMITIVES, Obstacle, Shape, obstacles_from_frame, obstacles_to_frame
 from pipeline.robots.placement import IDENTITY, Placement
+from pipeline.robots.standing import stands_clear
 from pipeline.robots.urdf import UrdfRobot
 
 ROBOTS = {"urdf": UrdfRobot}
@@ -15,9 +17,11 @@ __all__ = [
     "IDENTITY",
     "PRIMITIVES",
     "ROBOTS",
+    "Contact",
     "Geometry",
     "Movable",
     "Obstacle",
+    "Pair",
     "Placement",
     "Robot",
     "Shape",
@@ -27,4 +31,5 @@ __all__ = [
     "obstacles_from_frame",
     "obstacles_to_frame",
     "point_robot",
+    "stands_clear",
 ]

@@ -21,7 +21,7 @@ class BroadPhase:
     Args:
         model: kinematics.
         geometry: bodies, those that stand included, and the pairs to ask.
-        margins: least distance of each pair (P,) [m].
+        margins: least distance of each pair (P,) [m]; below 0, how deep two primitives or hulls may be in each other.
     """
 
     def __init__(self, model: pin.Model, geometry: pin.GeometryModel, margins: Sequence[float]) -> None:
@@ -67,7 +67,9 @@ class BroadPhase:
         self._objects = self._standing.getManager().getObjects()
         self._others = coal.NaiveCollisionManager()
         asked = list(zip(self._asked, sorted_margins, strict=True))
+        # Bodies that may touch have a margin below 0: their boxes stay as they are.
         reach = max((margin for (_, second), margin in asked if second >= moving), default=0.0)
+        reach = max(reach, 0.0)
         for i in range(moving, len(self._objects)):
             self._objects[i].getAABB().expand(reach)  # a box must meet what its shape keeps a margin from
             self._others.registerObject(self._objects[i])

@@ -6,24 +6,31 @@ A crowd of obstacles sits in a coal tree of its own, which is built once. One qu
 logarithm of their number (1.6 us from Python against 500 blocks), where a list costs a multiple of it. So do those of a
 robot that cannot meet itself, for which the list has no advantage. Against a tree many configurations can be asked at
 once (`Flock`).
+
+Bodies that may touch stay in the list, with less than no margin. Closed meshes that are not convex, which coal takes
+for surfaces, are asked for what is inside them as well (`Enclosures`).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from copy import copy
 from typing import Protocol
 
-import coal
 import numpy as np
 import pinocchio as pin
 
-from pipeline.errors import ProblemError, unknown
+from pipeline.errors import ProblemError
 from pipeline.robots.broadphase import BroadPhase
-from pipeline.robots.flock import Flock
+from pipeline.robots.clearance import Distances
+from pipeline.robots.contact import Contact, Pair, Touching, kept
+from pipeline.robots.crowd import FLOCK, Crowd
+from pipeline.robots.enclosure import Enclosures, enclosing_pairs
 from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
+from pipeline.robots.reasons import TooNear, too_near
+from pipeline.robots.scene import Scene
+from pipeline.robots.standing import check_standing, contacts_of_standing
 
 _CROWD = 64  # obstacles, from which on they get a tree
-_FLOCK = 16  # most configurations that one query answers for
 
 
 class Condition(Protocol):
@@ -41,18 +48,24 @@ class Condition(Protocol):
 class Validity:
     """Tells whether configurations of a robot are valid among obstacles. Not shareable between processes.
 
-    Bodies that no joint moves are not held against obstacles: a robot stands on its floor.
+    Closed meshes are solid, open ones surfaces (`surfaces`). Bodies that may touch may be in each other by 2 mm, or a
+    tenth of the thinner one's least extent where that is less, unless another depth is given. Bodies that no joint
+    moves are held against obstacles once, here: those of the root link may touch what they stand on to the same depth.
 
     Args:
-        robot: the robot.
+        robot: the robot; which of its bodies may touch each other is in `robot.touching`.
         obstacles: of the scene; may be empty.
         margin: least distance to obstacles [m].
         self_margin: least distance between bodies of a self-collision pair [m]; None for the same as `margin`.
-        touching: pairs (body, obstacle) by name that may touch: a cup and the table it stands on.
+        touching: pairs (body, obstacle) by name that may touch, a cup and the table it stands on, and, as a mapping,
+            how deep [m]: above 0 and at most half of the thinner one's least extent, None for the usual depth. Where
+            there is a margin, up to a quarter of the depth is kept in its place.
         conditions: what else configurations must meet.
 
     Raises:
-        ProblemError: a margin that is not finite or negative, or a body or obstacle that does not exist.
+        ProblemError: a margin that is not finite or negative, a body or obstacle that does not exist, a pair that may
+            touch of which no depth is known, a depth out of bounds, a body larger than 20 m, or an obstacle that stands
+            in a body that no joint moves.
     """
 
     def __init__(
@@ -61,64 +74,64 @@ class Validity:
         obstacles: Sequence[Obstacle],
         margin: float = 0.0,
         self_margin: float | None = None,
-        touching: Collection[tuple[str, str]] = (),
+        touching: Touching = (),
         conditions: Sequence[Condition] = (),
     ) -> None:
         for name, value in (("margin", margin), ("self_margin", margin if self_margin is None else self_margin)):
             if not 0 <= value < np.inf:
                 raise ProblemError(f"{name} is {value} m; it must be finite and at least 0 m")
-        named = {obstacle.name for obstacle in obstacles}
-        for body, obstacle in touching:
-            if body not in robot.body_names:
-                raise ProblemError(unknown(f"touching names a body that {robot.name!r} lacks:", body, robot.body_names))
-            if obstacle not in named or not obstacle:
-                raise ProblemError(unknown("touching names an obstacle that is not there:", obstacle, sorted(named)))
-        self.robot = robot
-        self.obstacles = tuple(obstacles)
+        self.robot, self.obstacles = robot, tuple(obstacles)
         self.margin, self.self_margin = margin, self_margin
-        self.touching, self.conditions = frozenset(touching), tuple(conditions)
-        self._wider: dict[float, Validity] = {}
-        self._flocks: dict[int, Flock] = {}  # by the number of copies
+        self.conditions = tuple(conditions)
         self.checks = 0  # collision queries so far
-        self._model, self._data = robot.model, robot.model.createData()
-        apart = {obstacle for _, obstacle in touching}
+        self._base = margin, margin if self_margin is None else self_margin  # to obstacles, between bodies [m]
+        self._reserve = 0.0  # that all pairs keep besides [m]
+        self._wider: dict[float, Validity] = {}
+        self._scene = Scene(robot, obstacles, touching)
+        self.touching = self._scene.touching
+        self._distances = Distances(self._scene)
+        check_standing(self._distances)
+        enclosing = enclosing_pairs(self._scene)
+        self._enclosures = Enclosures(self._scene, enclosing) if enclosing else None
+        apart = {number for _, number in self._scene.touching_numbers}
         crowded = len(obstacles) > _CROWD or not len(robot.geometry.collisionPairs)
-        crowd = [o for o in obstacles if o.name not in apart or not o.name] if crowded else []
-        in_tree = set(map(id, crowd))
-        self._listed = [o for o in obstacles if id(o) not in in_tree]
-        self._pairs = self._list(self._listed)
-        self._crowded = crowd
-        self._crowd = self._tree(crowd, margin) if crowd else None
-        self._distances: list[tuple[int, coal.CollisionObject, coal.CollisionObject]] | None = None
+        self._listed = [i for i in range(len(obstacles)) if i in apart or not crowded]
+        crowd = sorted(set(range(len(obstacles))) - set(self._listed))
+        self._pairs = self._list()
+        self._crowd = Crowd(self._scene, crowd, margin) if crowd else None
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Names of bodies and obstacles that are meshes with open edges: surfaces, in which nothing can be."""
+        return self._scene.surfaces
+
+    def pairs(self) -> list[Pair]:
+        """Return all pairs that are held against each other at every configuration, with the depth allowed."""
+        return list(self._scene.pairs())
 
     def widened(self, reserve: float) -> "Validity":
         """Return the checker of the same robot and obstacles with `reserve` [m] more margin; made once and kept."""
         if reserve not in self._wider:
-            own = self.margin if self.self_margin is None else self.self_margin
-            self._wider[reserve] = Validity(
-                self.robot, self.obstacles, self.margin + reserve, own + reserve, self.touching, self.conditions
-            )
+            more = self._reserve + reserve
+            other = self._with(self._margins(more), self._base[0] + more)
+            other._reserve, other.margin, other.self_margin = more, self._base[0] + more, self._base[1] + more
+            self._wider[reserve] = other
         return self._wider[reserve]
 
     def reserving(self, bodies: np.ndarray, pairs: np.ndarray) -> "Validity":
         """Return a checker of contact with reserves in place of margins; without conditions.
 
+        Pairs that may touch keep the reserve from being as deep as they may.
+
         Args:
             bodies: that each body keeps from obstacles (B,) [m].
             pairs: that the bodies of each self-collision pair keep from each other (P,) [m].
         """
-        geometry, names = self.robot.geometry, self.robot.body_names
-        moving = [i for i, body in enumerate(geometry.geometryObjects) if body.parentJoint]
-        margins = list(pairs)
-        for obstacle in self._listed:
-            margins += [bodies[i] for i in moving if (names[i], obstacle.name) not in self.touching]
-        other = copy(self)
-        other.conditions, other.checks, other._wider, other._distances = (), 0, {}, None
-        other._data = self._model.createData()
-        if self._pairs is not None:
-            other._pairs = self._pairs.widened(margins)
-        if self._crowded:
-            other._crowd = other._tree(self._crowded, float(bodies[moving].max(initial=0.0)))
+        moving = self._scene.moving
+        listed = np.array([bodies[i] - self._scene.depth(i, number) for number in self._listed for i in moving])
+        margins = np.concatenate([pairs - self._scene.pair_depths, listed])
+        other = self._with(margins, float(np.max(bodies[moving], initial=0.0)))
+        other.conditions = ()
         return other
 
     def in_bounds(self, q: np.ndarray) -> bool:
@@ -131,27 +144,29 @@ class Validity:
         for condition in self.conditions:
             if not condition.holds(q):
                 return False
-        if self._crowd is not None and self._strikes(q):
+        if self._crowd is not None and self._crowd.strikes(q):
             return False
-        return self._pairs is None or not self._pairs.collides(q)
+        if self._pairs is not None and self._pairs.collides(q):
+            return False
+        return self._enclosures is None or not self._enclosures.any(q)
 
     def free_rows(self, Q: np.ndarray) -> np.ndarray:
         """Tell which rows of Q (m, n) are free (m,); against a tree of obstacles faster than one by one."""
         if self._crowd is None:
             return np.array([self.free(q) for q in Q], bool)
         self.checks += len(Q)
-        free = ~np.array(self._struck_rows(Q), bool)
-        if self.conditions or self._pairs is not None:
+        free = ~self._crowd.struck_rows(Q)
+        if self._asks_more:
             free[free] = [self._free_beside_crowd(q) for q in Q[free]]
         return free
 
     def all_free(self, Q: np.ndarray) -> np.ndarray:
         """Tell of sets of configurations (e, m, n) in which all are free (e,); against a tree faster than by row."""
-        if self._crowd is None or Q.shape[1] > _FLOCK:
+        if self._crowd is None or Q.shape[1] > FLOCK:
             return np.array([all(self.free(q) for q in rows) for rows in Q], bool)
         self.checks += Q.shape[0] * Q.shape[1]
-        free = ~self._flock(Q.shape[1]).meet(Q, self._crowd, self._callback)
-        if self.conditions or self._pairs is not None:
+        free = ~self._crowd.struck_sets(Q)
+        if self._asks_more:
             free[free] = [all(self._free_beside_crowd(q) for q in rows) for rows in Q[free]]
         return free
 
@@ -159,139 +174,82 @@ class Validity:
         """Make what `all_free` of sets of these sizes otherwise makes when it is asked, in milliseconds."""
         if self._crowd is not None:
             for copies in sizes:
-                self._flock(copies)
+                self._crowd.flock(copies)
 
     def valid(self, q: np.ndarray) -> bool:
         """True when q (n,) is within the limits and free."""
         return self.in_bounds(q) and self.free(q)
 
     def contacts(self, q: np.ndarray) -> list[tuple[str, str]]:
-        """Return the pairs (body, body or obstacle) by name that are nearer than the margin at q (n,): for messages."""
-        geometry, found = self.robot.geometry, []
-        placed, names = geometry.createData(), self.robot.body_names
-        pin.updateGeometryPlacements(self._model, self._data, geometry, placed, q)
-        bodies = [
-            coal.CollisionObject(body.geometry, M.rotation, M.translation)
-            for body, M in zip(geometry.geometryObjects, placed.oMg, strict=True)
-        ]
-        request = coal.CollisionRequest()
-        request.security_margin = self.margin if self.self_margin is None else self.self_margin
-        for pair in geometry.collisionPairs:
-            if coal.collide(bodies[pair.first], bodies[pair.second], request, coal.CollisionResult()):
-                found.append((names[pair.first], names[pair.second]))
-        request.security_margin = self.margin
-        for number, obstacle in enumerate(self.obstacles):
-            there = obstacle.collision_object()
-            for body, shape, name in zip(geometry.geometryObjects, bodies, names, strict=True):
-                asked = body.parentJoint and (name, obstacle.name) not in self.touching
-                if asked and coal.collide(shape, there, request, coal.CollisionResult()):
-                    found.append((name, obstacle.name or f"obstacle {number}"))
-        return found
+        """Return the pairs (body, body or obstacle) by name that are nearer than they may be at q (n,)."""
+        return [(pair.first, pair.second) for pair in self._too_near(q)]
 
     def reason(self, q: np.ndarray) -> str:
-        """Return why q (n,) is not free, for messages."""
-        pairs = [f"{one} with {two}" for one, two in self.contacts(q)]
+        """Return why q (n,) is not free, for messages: each pair with its own distance."""
+        pairs = ", ".join(map(str, self._too_near(q)))
         failing = [getattr(c, "name", "a condition") for c in self.conditions if not c.holds(q)]
-        parts = (
-            [f"in collision: {', '.join(pairs)}; clearance {self.clearance(q):.4g} m, margin {self.margin:.4g} m"]
-            if pairs
-            else []
-        )
+        parts = [f"in collision: {pairs}"] if pairs else []
         return "; ".join(parts + [f"not meeting {name}" for name in failing]) or "free"
 
     def clearance(self, q: np.ndarray) -> float:
         """Return the distance from the robot at q (n,) to the nearest obstacle [m]; negative inside, inf without any.
 
-        Self-collision and pairs that may touch are not part of it. Every body is held against every obstacle, because
-        distances from coal's tree are wrong (3.0.3: off by decimetres against a closed form); a hundred times the
-        price of a verdict.
+        Self-collision, pairs that may touch and bodies that no joint moves are not part of it.
         """
-        if self._distances is None:
-            self._distances = self._all_pairs()
-        pin.updateGeometryPlacements(self._model, self._data, self._bodies, self._bodies_data, q)
-        nearest, request = np.inf, coal.DistanceRequest()
-        for i, body, placed in self._distances:
-            placement = self._bodies_data.oMg[i]
-            body.setTransform(coal.Transform3s(placement.rotation, placement.translation))
-            nearest = min(nearest, coal.distance(body, placed, request, coal.DistanceResult()))
-        return float(nearest)
+        return self.least_clearance(q[None])
 
-    def _flock(self, copies: int) -> Flock:
-        if copies not in self._flocks:
-            self._flocks[copies] = Flock(self._model, self._moving, copies)
-        return self._flocks[copies]
+    def least_clearance(self, Q: np.ndarray) -> float:
+        """Return the least `clearance` of configurations Q (m, n) [m]; at once much faster than one by one."""
+        return self._distances.least(self._scene.moving, Q)
+
+    def deepest_contact(self, Q: np.ndarray) -> Contact | None:
+        """Return the deepest contact of pairs that may touch over configurations Q (m, n); None where none touches.
+
+        What the bodies of the root link stand on is one of them.
+        """
+        found = [contact for contact, _ in contacts_of_standing(self._distances)]
+        return max(found + self._distances.contacts(Q), key=lambda contact: contact.depth, default=None)
+
+    @property
+    def _asks_more(self) -> bool:
+        """Whether there is more to ask than the crowd."""
+        return bool(self.conditions) or self._pairs is not None or self._enclosures is not None
+
+    def _too_near(self, q: np.ndarray) -> list[TooNear]:
+        return too_near(self._distances, q, *self._base, self._reserve)
 
     def _free_beside_crowd(self, q: np.ndarray) -> bool:
-        """Tell whether conditions hold and no pair outside the tree collides at q (n,)."""
-        holds = all(condition.holds(q) for condition in self.conditions)
-        return holds and (self._pairs is None or not self._pairs.collides(q))
+        """Tell whether conditions hold, no pair outside the tree collides and nothing is inside a mesh at q (n,)."""
+        if not all(condition.holds(q) for condition in self.conditions):
+            return False
+        if self._pairs is not None and self._pairs.collides(q):
+            return False
+        return self._enclosures is None or not self._enclosures.any(q)
 
-    def _list(self, obstacles: Sequence[Obstacle]) -> BroadPhase | None:
-        """Return the pairs of the robot with itself and with these obstacles; None when there is no pair."""
-        geometry = self.robot.geometry.copy()
-        margins = [self.margin if self.self_margin is None else self.self_margin] * len(geometry.collisionPairs)
-        moving = [i for i, body in enumerate(geometry.geometryObjects) if body.parentJoint]
-        for number, obstacle in enumerate(obstacles):
-            placement = pin.SE3(obstacle.rotation, np.array(obstacle.position))
-            name = f"obstacle {number} {obstacle.name}"
-            added = geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, obstacle.geometry()))
-            for i in moving:
-                if (geometry.geometryObjects[i].name, obstacle.name) not in self.touching:
-                    geometry.addCollisionPair(pin.CollisionPair(i, added))
-                    margins.append(self.margin)
-        return BroadPhase(self._model, geometry, margins) if margins else None
+    def _with(self, margins: np.ndarray, margin: float) -> "Validity":
+        """Return the checker of the same scene with other margins of the pairs in the list, and to the crowd [m]."""
+        other = copy(self)
+        other.checks, other._wider = 0, {}
+        if self._pairs is not None:
+            other._pairs = self._pairs.widened(margins.tolist())
+        if self._crowd is not None:
+            other._crowd = self._crowd.widened(margin)
+        return other
 
-    def _tree(self, obstacles: Sequence[Obstacle], margin: float) -> coal.DynamicAABBTreeCollisionManager:
-        """Return the tree of these obstacles, and prepare that of the bodies that move."""
-        self._moving = pin.GeometryModel()
-        for body in self.robot.geometry.geometryObjects:
-            if body.parentJoint:
-                self._moving.addGeometryObject(body)
-        self._moving_data = self._moving.createData()
-        # Tree against tree: coal cannot query its naive manager against a tree (it crashes).
-        self._moving_manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self._model, self._moving, self._moving_data
-        )
-        self._moving_tree = self._moving_manager.getManager()
-        self._objects = [obstacle.collision_object() for obstacle in obstacles]
-        tree = coal.DynamicAABBTreeCollisionManager()
-        for placed in self._objects:
-            placed.getAABB().expand(margin)  # coal applies a margin to shapes only, not to the boxes of its trees
-        tree.registerObjects(self._objects)  # together: one after the other the tree gets worse
-        tree.setup()
-        self._callback = coal.CollisionCallBackDefault()
-        self._callback.data.request.security_margin = margin
-        self._result = self._callback.data.result  # of the last query; reaching it through the callback costs 0.35 us
-        return tree
+    def _margins(self, reserve: float = 0.0) -> np.ndarray:
+        """Return the margins of the pairs in the list, in its order [m]: of the robot's own pairs first."""
+        scene = self._scene
+        depths = np.array([scene.depth(i, number) for number in self._listed for i in scene.moving], float)
+        margin, own = self._base
+        return np.concatenate([kept(own, scene.pair_depths, reserve), kept(margin, depths, reserve)])
 
-    def _strikes(self, q: np.ndarray) -> bool:
-        """Tell whether a body meets the crowd at q (n,)."""
-        pin.updateGeometryPlacements(self._model, self._data, self._moving, self._moving_data, q)
-        self._moving_manager.update(False)
-        self._moving_tree.collide(self._crowd, self._callback)  # forgets what it met before
-        return bool(self._result.isCollision())
-
-    def _struck_rows(self, Q: np.ndarray) -> list[bool]:
-        """Tell for rows of Q (m, n) whether a body meets the crowd; nothing is looked up twice."""
-        place, update, collide = pin.updateGeometryPlacements, self._moving_manager.update, self._moving_tree.collide
-        model, data, bodies, placed = self._model, self._data, self._moving, self._moving_data
-        crowd, callback, met = self._crowd, self._callback, self._result.isCollision
-        found = []
-        for q in Q:
-            place(model, data, bodies, placed, q)
-            update(False)
-            collide(crowd, callback)
-            found.append(met())
-        return found
-
-    def _all_pairs(self) -> list[tuple[int, coal.CollisionObject, coal.CollisionObject]]:
-        self._bodies = self.robot.geometry
-        self._bodies_data = self._bodies.createData()
-        placed = [(obstacle.name, obstacle.collision_object()) for obstacle in self.obstacles]
-        return [
-            (i, coal.CollisionObject(body.geometry), there)
-            for i, body in enumerate(self._bodies.geometryObjects)
-            if body.parentJoint
-            for name, there in placed
-            if (body.name, name) not in self.touching
-        ]
+    def _list(self) -> BroadPhase | None:
+        """Return the pairs of the robot with itself and with the listed obstacles; None when there is no pair."""
+        geometry, bodies = self._scene.geometry(self._listed), len(self._scene.bodies)
+        for pair in self.robot.geometry.collisionPairs:
+            geometry.addCollisionPair(pair)
+        for place in range(len(self._listed)):
+            for i in self._scene.moving:
+                geometry.addCollisionPair(pin.CollisionPair(i, bodies + place))
+        margins = self._margins()
+        return BroadPhase(self.robot.model, geometry, margins.tolist()) if len(margins) else None

@@ -1,17 +1,24 @@
 """Grasped objects: bodies that a frame of the robot carries."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import RobotError, unknown
+from pipeline.robots.centre import centre_of_mass
 from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
 
 
-def attach(robot: Robot, body: Obstacle, frame: str, touching: Collection[str] = ()) -> Robot:
+def attach(
+    robot: Robot,
+    body: Obstacle,
+    frame: str,
+    touching: Collection[str] | Mapping[str, float | None] = (),
+    mass: float = 0.0,
+) -> Robot:
     """Return the robot with one more body that moves with a frame: a cup in the hand, a door on its hinge.
 
     It collides with obstacles and with the robot's other bodies, but not with those on the same joint (the hand that
@@ -21,17 +28,21 @@ def attach(robot: Robot, body: Obstacle, frame: str, touching: Collection[str] =
         robot: that carries it.
         body: shape, and position and orientation in the frame [m]; its name becomes the body's.
         frame: name of the frame that carries it.
-        touching: names of further bodies it may touch.
+        touching: names of further bodies it may touch and, as a mapping, how deep [m] (see `Validity`).
+        mass: of the body [kg], of one density; the robot's mass has it from then on.
 
     Raises:
-        RobotError: no such frame or body, or a name that is empty or taken.
+        RobotError: no such frame or body, a name that is empty or taken, or a mass that is negative or not finite.
         ProblemError: a mesh that cannot be read.
     """
     if not body.name or body.name in robot.body_names:
         raise RobotError(
             f"a grasped object needs a name of its own; {body.name!r} is {'taken' if body.name else 'empty'}"
         )
-    for name in touching:
+    if not 0 <= mass < np.inf:
+        raise RobotError(f"the mass of {body.name!r} is {mass} kg; it must be finite and at least 0 kg")
+    asked = dict(touching) if isinstance(touching, Mapping) else dict.fromkeys(touching)
+    for name in asked:
         if name not in robot.body_names:
             raise RobotError(
                 unknown(f"{body.name!r} may touch a body that {robot.name!r} lacks:", name, robot.body_names)
@@ -40,10 +51,17 @@ def attach(robot: Robot, body: Obstacle, frame: str, touching: Collection[str] =
     carrier = robot.model.frames[number]
     placement = carrier.placement * pin.SE3(body.rotation, np.array(body.position))
     geometry = robot.geometry.copy()
+    shape = body.body_shape()
     added = geometry.addGeometryObject(
-        pin.GeometryObject(body.name, carrier.parentJoint, number, placement, body.geometry())
+        pin.GeometryObject(body.name, carrier.parentJoint, number, placement, shape.given)
     )
     for i, other in enumerate(robot.geometry.geometryObjects):
-        if other.parentJoint != carrier.parentJoint and other.name not in touching:
+        if other.parentJoint != carrier.parentJoint:
             geometry.addCollisionPair(pin.CollisionPair(i, added))
-    return replace(robot, geometry=geometry)
+    model = robot.model
+    if mass > 0:
+        model = pin.Model(robot.model)
+        point = pin.Inertia(mass, centre_of_mass(shape), np.zeros((3, 3)))  # balance asks for no more
+        model.appendBodyToJoint(carrier.parentJoint, point, placement)
+    allowed = {(body.name, name): depth for name, depth in asked.items()}
+    return replace(robot, model=model, geometry=geometry, touching={**robot.touching, **allowed})

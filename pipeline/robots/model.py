@@ -1,7 +1,7 @@
 """A robot: a pinocchio model of the planning group, its collision geometry and its symbolic kinematics."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from pipeline.errors import RobotError, unknown
 from pipeline.robots import travel
+from pipeline.robots.shapes import BodyShape
 from pipeline.robots.symbolic import Pose, constant, joint_pose
 
 
@@ -23,11 +24,11 @@ class Robot:
             variables need not be: that of a joint is q[model.idx_qs[joint]].
         geometry: collision geometry, with the self-collision pairs to check.
         lower, upper: joint limits (n,) [rad or m].
-        travel: no point of a body moves farther than this times the joint distance [m per rad or m]; None where no
-            such bound is known. With it, one collision check with more margin stands for several between states.
         velocity: joint velocity limits (n,) [rad/s or m/s]; None where they are not known.
         rest: a configuration to begin with and to draw (n,); None where there is none.
         tool: the frame that constraints and goals speak of unless they name another; empty without one.
+        base: names of the bodies that stand with the root link; they may touch what they stand on.
+        touching: pairs of bodies by name that may touch, and how deep [m]; None for the usual depth (see `Validity`).
     """
 
     name: str
@@ -35,10 +36,11 @@ class Robot:
     geometry: pin.GeometryModel
     lower: np.ndarray
     upper: np.ndarray
-    travel: float | None = None
     velocity: np.ndarray | None = None
     rest: np.ndarray | None = None
     tool: str = ""
+    base: frozenset[str] = frozenset()
+    touching: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
@@ -55,6 +57,19 @@ class Robot:
     def body_names(self) -> tuple[str, ...]:
         """Names of the collision bodies."""
         return tuple(body.name for body in self.geometry.geometryObjects)
+
+    @cached_property
+    def shapes(self) -> tuple[BodyShape, ...]:
+        """The shapes of the collision bodies as checks take them."""
+        return tuple(BodyShape(body.geometry) for body in self.geometry.geometryObjects)
+
+    @cached_property
+    def travel(self) -> float | None:
+        """No point of a body moves farther than this times the joint distance, nor away from one of another body.
+
+        None where a joint turns a body: bounds for arms are too wide for one check to stand for several.
+        """
+        return travel.sliding_bound(self)
 
     @cached_property
     def lever_arms(self) -> tuple[np.ndarray, np.ndarray]:
@@ -150,4 +165,4 @@ def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -
     geometry = pin.GeometryModel()
     ball = pin.GeometryObject("point", joint, pin.SE3.Identity(), pin.hppfcl.Sphere(radius))
     geometry.addGeometryObject(ball)
-    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float), travel=1.0, tool="point")
+    return Robot("point", model, geometry, np.asarray(lower, float), np.asarray(upper, float), tool="point")

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from pipeline.robots.model import Robot
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
+_DIGITS = 12
 
 
 def lever_arms(robot: "Robot") -> np.ndarray:
@@ -51,6 +52,28 @@ def pair_arms(robot: "Robot", arms: np.ndarray) -> np.ndarray:
         apart = [model.idx_vs[joint] for joint in supports[first] ^ supports[second] if joint]
         between[row, apart] = (arms[first] + arms[second])[apart]
     return between
+
+
+def sliding_bound(robot: "Robot") -> float | None:
+    """Return how far bodies travel at most, alone or against each other, per joint distance; None where one turns.
+
+    Without joints that turn, a body's displacement is a matrix, the axes of the joints that carry it, times that of the
+    joints: no more than its largest singular value.
+    """
+    model, bodies = robot.model, robot.geometry.geometryObjects
+    axes = np.zeros((len(bodies), 3, robot.dimension))
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for row, body in enumerate(bodies):
+        joint = body.parentJoint
+        if any(_turns(model, carrier) for carrier in model.supports[joint] if carrier):
+            return None
+        if joint:
+            axes[row] = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)[:3]
+    pairs = [axes[pair.first] - axes[pair.second] for pair in robot.geometry.collisionPairs]
+    moves = np.concatenate([axes, np.array(pairs).reshape(-1, 3, robot.dimension)])
+    # Rounded: a unit matrix has singular values of 1, to the last digit.
+    return float(np.linalg.norm(moves, ord=2, axis=(1, 2)).max(initial=0.0).round(_DIGITS))
 
 
 def _turns(model: pin.Model, joint: int) -> bool:

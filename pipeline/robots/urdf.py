@@ -102,6 +102,7 @@ class UrdfRobot:
         except Exception as error:  # what pinocchio's and assimp's C++ throw has no common class
             raise RobotError(f"{path} cannot be loaded: {str(error).strip()}") from None
         simplified(geometry, self.geometry)
+        base = frozenset(body.name for body in geometry.geometryObjects if not body.parentJoint)
         fastened = [str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") == "fixed"]
         standing = self._standing(model, semantics, followers, fastened)
         locked = [model.getJointId(name) for name in list(model.names)[1:] if name not in self.joints]
@@ -131,6 +132,7 @@ class UrdfRobot:
             velocity=np.where(model.velocityLimit > 0, model.velocityLimit, 1.0),  # exporters write 0 for none
             rest=np.clip([standing[name] for name in self.joints], lower, upper),
             tool=self.tool,
+            base=base,
         )
         robot.frame_id(self.tool)
         return robot

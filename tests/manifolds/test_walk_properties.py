@@ -1,6 +1,5 @@
 """What every walk keeps to, whichever the method: the manifold, its steps, obstacles, bounds and its target."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -58,8 +57,8 @@ def test_collisions_are_checked_at_the_resolution(method, resolution, pieces, mo
 
     So it is where no bound on the robot's travel lets one check stand for several.
     """
-    robot = replace(ball(), travel=None)
-    space, checked = make(method, sphere(), Validity(robot, [], MARGIN), resolution=resolution), []
+    space, checked = make(method, sphere(), Validity(ball(), [], MARGIN), resolution=resolution), []
+    space._wide = None
     monkeypatch.setattr(space.validity, "free", lambda q: checked.append(q.copy()) or True)
     target = np.array([0.0, 0.6, 0.8])
     states = np.vstack([EQUATOR, space.traverse(EQUATOR, target).states])
@@ -74,8 +73,8 @@ def test_collisions_are_checked_at_the_resolution(method, resolution, pieces, mo
 def test_travel_only_changes_the_price(method):
     """Walks of a robot whose travel is known take the same states and stops for fewer collision checks."""
     space, obstacles, points = obstructed(4, method)
-    robot = replace(ball(upper=(1.5, 1.5, 0.8)), travel=None)
-    plain = make(method, sphere(), Validity(robot, obstacles, MARGIN))
+    plain = make(method, sphere(), Validity(ball(upper=(1.5, 1.5, 0.8)), obstacles, MARGIN))
+    plain._wide = None
     stops = []
     for a, b in pairs_of(points, 40):
         walk, other = space.traverse(a, b), plain.traverse(a, b)

@@ -1,13 +1,16 @@
 """Surface points: on the surface, uniform by area, repeatable."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.stats import chisquare, kstest
+from scipy.stats import chisquare, ks_2samp, kstest
 
 from pipeline.errors import ConfigError
-from pipeline.perception import surface_area, surface_points
+from pipeline.perception import VoxelParameters, scene_voxels, surface_area, surface_points
 from pipeline.robots import Obstacle, Shape
+from tests.robots import meshes
 
 TURNED = tuple(Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_quat())
 BOX = Obstacle(Shape.BOX, (0.2, -0.4, 0.1), TURNED, (0.3, 0.5, 0.8))
@@ -117,3 +120,68 @@ def test_nothing_to_draw():
     assert surface_points([BOX], 0.0, np.random.default_rng(0)).shape == (0, 3)
     with pytest.raises(ConfigError, match=r"-1\.0 points"):
         surface_points([BOX], -1.0, np.random.default_rng(0))
+
+
+# Meshes of which closed forms are known, and of octrees the box that their leaves fill.
+MESHES = {"box": BOX, "cylinder": CYLINDER, "sphere": SPHERE}
+
+
+def depicted(name: str, folder, rng: np.random.Generator, mirrored: bool = False) -> Obstacle:
+    """The mesh that depicts a primitive, its faces wound anyhow."""
+    drawn = {"box": meshes.box(), "cylinder": meshes.tube(count=100), "sphere": meshes.ball(count=100)}[name]
+    sign = -1.0 if mirrored else 1.0
+    points, faces = meshes.soup(meshes.flipped(drawn, rng), rng)
+    file = meshes.write(folder / f"{name}.obj", (points * sign, faces))
+    return replace(MESHES[name], shape=Shape.MESH, size=tuple(sign * s for s in MESHES[name].size), file=file)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("name", MESHES)
+def test_meshes_have_the_points_of_what_they_depict(name, mirrored, tmp_path):
+    """A mesh has its primitive's area, its points are on the primitive's surface, and as many in each octant."""
+    primitive, mesh = MESHES[name], depicted(name, tmp_path, np.random.default_rng(0), mirrored)
+    assert surface_area(mesh) == pytest.approx(surface_area(primitive), rel=1e-3)
+    drawn, expected = draw(mesh, 20_000), draw(primitive, 20_000, seed=1)
+    assert len(drawn) == pytest.approx(20_000, rel=1e-3)
+    error = 1e-9 if name == "box" else 4e-4
+    assert np.abs(signed_distance(drawn, primitive)).max() < error
+    for column, other in zip(drawn.T, expected.T, strict=True):
+        assert ks_2samp(column.round(6), other.round(6)).pvalue > 1e-4
+
+
+def leaves(edge: float, points: np.ndarray) -> Obstacle:
+    """An octree at the box's pose."""
+    return replace(BOX, shape=Shape.OCTREE, size=(edge,) * 3, points=points)
+
+
+def test_octrees_have_the_points_of_the_box_they_fill():
+    """Leaves that fill a box have the box's area and points on its faces only, none on faces between two leaves."""
+    edge, counts = 0.1, (3, 5, 8)
+    grid = np.stack(np.meshgrid(*[(np.arange(n) - n // 2 + 0.5) * edge for n in counts], indexing="ij"), axis=-1)
+    octree, low = leaves(edge, np.repeat(grid.reshape(-1, 3), 2, axis=0)), -edge * np.array([n // 2 for n in counts])
+    assert surface_area(octree) == pytest.approx(2 * (0.3 * 0.5 + 0.3 * 0.8 + 0.5 * 0.8))
+    middle = low + edge * np.array(counts) / 2
+    local = draw(octree, 20_000) - middle
+    box = replace(BOX, size=tuple(edge * np.array(counts)))
+    np.testing.assert_allclose(signed_distance(local, box), 0, atol=1e-7)
+    expected = draw(box, 20_000, seed=1)
+    for column, other in zip(local.T, expected.T, strict=True):
+        assert ks_2samp(column.round(6), other.round(6)).pvalue > 1e-4
+    two = leaves(0.1, np.array([[0.05, 0.05, 0.05], [-0.35, 0.05, 0.05]]))
+    assert surface_area(two) == pytest.approx(12 * 0.01)
+
+
+def test_every_shape_among_the_others(tmp_path):
+    """In a scene of all shapes each has its share of points, and a mesh fills the voxels of its primitive."""
+    mesh = depicted("box", tmp_path, np.random.default_rng(0))
+    octree = leaves(0.1, np.array([[0.05, 0.05, 0.05]]))
+    scene = [replace(mesh, position=(3.0, 0, 0)), BOX, replace(octree, position=(-3.0, 0, 0)), SPHERE]
+    points = surface_points(scene, 3000.0, np.random.default_rng(2))
+    areas = np.array([surface_area(o) for o in scene])
+    assert np.isfinite(points).all() and len(points) == round(3000 * areas.sum())
+    near = np.stack([np.linalg.norm(points - np.array(o.position), axis=1) for o in scene]).argmin(axis=0)
+    far = [(near == 0).sum(), (near == 2).sum()]
+    assert far == pytest.approx(3000 * areas[[0, 2]], rel=0.1)
+    grid = scene_voxels([replace(mesh, position=(0.2, 0.0, 0.0))], VoxelParameters(), 0)
+    like = scene_voxels([replace(BOX, position=(0.2, 0.0, 0.0))], VoxelParameters(), 0)
+    assert grid.sum() == pytest.approx(like.sum(), rel=0.05) and like.sum() > 100

@@ -4,7 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pipeline.robots import Obstacle, Robot, Shape, attach
+from pipeline.constraints import TaskSpaceRegion
+from pipeline.constraints import chain as region_chain
+from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
+from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach, point_robot
+from pipeline.robots.virtual import VirtualFrame, VirtualJoint, with_virtual_chain
 from tests.robots.named import ROBOT_NAMES, configurations, named
 from tests.robots.worlds import JOINTS, chain
 
@@ -79,3 +83,68 @@ def test_no_pair_comes_closer(name):
                 for where in (before, after)
             ]
             assert np.abs(gaps[1] - gaps[0]).max() <= bound + 1e-9
+
+
+def sliding(seed: int) -> Robot:
+    """Two chains of sliding joints with balls, held against each other."""
+    rng, model, geometry = np.random.default_rng(seed), pin.Model(), pin.GeometryModel()
+    kinds = [kind for kind in JOINTS if kind.startswith("P") or kind.startswith("prismatic")]
+    for side in range(2):
+        joint = 0
+        for kind in rng.choice(kinds, rng.integers(1, 4)):
+            joint = model.addJoint(joint, JOINTS[kind](rng), pin.SE3.Random(), f"{side} {model.njoints}")
+        at = pin.SE3(np.eye(3), 5.0 * side * np.ones(3))
+        geometry.addGeometryObject(pin.GeometryObject(f"ball {side}", joint, at, pin.hppfcl.Sphere(0.1)))
+    geometry.addCollisionPair(pin.CollisionPair(0, 1))
+    return Robot("sliding", model, geometry, -np.ones(model.nq), np.ones(model.nq))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_sliding_robots_have_a_bound(seed):
+    """Without joints that turn no body, and no two against each other, move farther than `travel`; some do as far."""
+    robot, rng, farthest = sliding(seed), np.random.default_rng(seed), 0.0
+    for _ in range(2000):
+        q, step = rng.uniform(-1, 1, robot.dimension), rng.normal(size=robot.dimension)
+        before, after = (placed(robot, [np.zeros((1, 3))] * 2, x) for x in (q, q + step))
+        moves = [a - b for a, b in zip(after, before, strict=True)]
+        farthest = max(farthest, *(np.linalg.norm(m) / np.linalg.norm(step) for m in (*moves, moves[0] - moves[1])))
+    assert 0.9 * robot.travel < farthest <= robot.travel * (1 + 1e-9)
+
+
+def test_travel_of_what_slides_and_turns():
+    """A point travels as its joints do; whatever turns with it, or hangs on a hinge beside it, has no such bound."""
+    point = point_robot(0.01, [-3] * 3, [3] * 3)
+    box = Obstacle(Shape.BOX, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (2.0, 0.1, 0.1), "panel")
+    assert point.travel == 1.0 and attach(point, box, "point").travel == 1.0
+    for direction, bound in (
+        (0, np.sqrt(2)),
+        (3, None),
+    ):  # along x, where the point may slide away from it, and a hinge
+        joint = VirtualJoint(direction, pin.SE3.Identity(), -1.0, 1.0, "joint")
+        wider = with_virtual_chain(point, [joint, VirtualFrame(pin.SE3.Identity(), "end")])
+        assert wider.travel == 1.0
+        assert attach(wider, box, "end").travel == (bound if bound is None else pytest.approx(bound))
+    assert all(named(name).travel is None for name in ROBOT_NAMES)
+
+
+def test_nothing_is_vouched_for_on_a_hinge():
+    """A panel on a hinge beside a sliding point meets a post on its way, however far from the point that is."""
+    point = point_robot(0.01, [-3] * 3, [3] * 3)
+    free = TaskSpaceRegion((0, 0, 0, -3, -1, -3), (0, 0, 0, 3, 1, 3), Placement((1.0, 0.0, 0.0)))
+    door = region_chain(point, [TaskSpaceRegion((0, 0, 0, 0, 0, -1.5), (0, 0, 0, 0, 0, 1.5)), free], name="door")
+    panel = Obstacle(Shape.BOX, (2.55, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (2.8, 0.004, 0.02), "panel")
+    robot = attach(door.robot, panel, "door_0")
+
+    def at(angle: float) -> np.ndarray:
+        q = np.zeros(robot.dimension)
+        q[:5] = np.cos(angle), np.sin(angle), 0.0, angle, -angle
+        return q
+
+    for angle in np.arange(0.6, 0.64, 0.005):
+        turn, place = (
+            (0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)),
+            3.9 * np.array([np.cos(angle), np.sin(angle), 0]),
+        )
+        post = Obstacle(Shape.BOX, tuple(place), turn, (0.06, 0.06, 0.5), "post")
+        space = ProjectionAdherence(door.constraint, Validity(robot, [post]), AdherenceParameters())
+        assert not space.traverse(at(0.2), at(1.2)).reached
