@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from pipeline.errors import ConfigError, require
+from pipeline.errors import ConfigError, require, shown
 
 
 @pytest.mark.parametrize(
@@ -33,3 +33,16 @@ def test_refused(value, bounds, words):
 def test_accepted(value, bounds):
     """A number on a bound that includes it, or just beside one that does not, passes."""
     require("n", value, **bounds)
+
+
+def test_whole_numbers_have_no_largest():
+    """A whole number beyond every float is judged by the bounds, and its digits do not fill the screen."""
+    require("n", 10**400, at_least=1)
+    with pytest.raises(ConfigError, match=r"n is 10{199}\.\.\. \(401 characters\); it must be at most 5$"):
+        require("n", 10**400, at_most=5)
+
+
+def test_long_values_are_cut():
+    """A value of up to 200 characters is shown whole, a longer one cut, with its length."""
+    assert shown("x" * 198) == repr("x" * 198)
+    assert shown([1] * 100) == f"{str([1] * 100)[:200]}... (300 characters)"
