@@ -15,7 +15,8 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from pipeline.files import VERSION, atomic_file
+from pipeline.atomic import atomic_file
+from pipeline.files import VERSION
 from pipeline.recording.clouds import body_clouds, obstacle_cloud
 from pipeline.recording.content import JSON, Recording, attachment_text, nanoseconds
 from pipeline.recording.messages import (
