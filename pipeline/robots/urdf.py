@@ -20,6 +20,7 @@ from pipeline.robots.description import (
     resolve,
 )
 from pipeline.robots.model import Robot
+from pipeline.robots.semantics import check_semantics
 
 _SLACK = 1e-6  # a named state may be rounded a little past a limit [rad or m]
 
@@ -74,7 +75,11 @@ class UrdfRobot:
         """
         path = resolve(self.urdf, self.package_dirs)
         root = read_urdf(path, self.package_dirs)
-        semantics = read_srdf(resolve(self.srdf, self.package_dirs)) if self.srdf else Semantics()
+        semantics = Semantics()
+        if self.srdf:
+            srdf = resolve(self.srdf, self.package_dirs)
+            semantics = read_srdf(srdf)
+            check_semantics(semantics, srdf, root, self.state)
         for joint, movable in self.movable.items():
             make_movable(root, joint, movable)
         links = [str(link.get("name")) for link in root.findall("link")]
