@@ -3,8 +3,11 @@
 Every table, array file and JSON document carries a schema name and a version. Bytes depend on the content only.
 """
 
+import errno
 import json
 import math
+import os
+import stat
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -79,7 +82,7 @@ def write_json(content: Mapping[str, Any], path: Path, schema: str | None = None
     """
     head = {} if schema is None else {"schema": schema, "version": VERSION}
     with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(_finite({**head, **content}), indent=2, allow_nan=False) + "\n")
+        temporary.write_text(json.dumps(finite({**head, **content}), indent=2, allow_nan=False) + "\n")
 
 
 def read_json(path: Path, schema: str | None = None) -> dict[str, Any]:
@@ -113,12 +116,32 @@ def require_file(path: Path) -> None:
         raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
 
 
-def _finite(value: Any) -> Any:
-    """Return JSON-able data with None for numbers that are not finite."""
+def read_text(path: Path) -> str:
+    """Return the text (UTF-8) of an ordinary file: of a device or a pipe there might be no end.
+
+    Raises:
+        OSError: no such file, no ordinary one, or the system does not let us read it.
+    """
+    check_ordinary(path)
+    return Path(path).read_text(encoding="utf-8")
+
+
+def check_ordinary(path: Path) -> None:
+    """Refuse what is no ordinary file, before it is opened.
+
+    Raises:
+        OSError: no such file, or a folder, device, pipe or socket.
+    """
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise OSError(errno.EINVAL, "it is a folder, device, pipe or socket", str(path))
+
+
+def finite(value: Any) -> Any:
+    """Return data for JSON, with None for every number that is not finite."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

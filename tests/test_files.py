@@ -20,6 +20,7 @@ from pipeline.files import (
     read_arrays,
     read_json,
     read_table,
+    read_text,
     write_arrays,
     write_json,
     write_table,
@@ -259,3 +260,16 @@ def test_readers_find_the_folder_that_a_killed_writer_has_finished(tmp_path):
         write_json(CONTENT, out / "m.json")
     assert read_json(tmp_path / "out" / "m.json") == CONTENT
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("what", ["/dev/zero", "fifo", "folder", "absent"])
+def test_text_is_read_of_ordinary_files_only(what, tmp_path):
+    """Text comes back as UTF-8; a device, pipe, folder or nothing in its place is an error of the system, unopened."""
+    (tmp_path / "text").write_bytes("ü".encode())
+    assert read_text(tmp_path / "text") == "ü"
+    if what == "fifo":
+        os.mkfifo(tmp_path / "fifo")
+    elif what == "folder":
+        (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match=r"it is a folder, device, pipe or socket|No such file"):
+        read_text(tmp_path / what)
