@@ -11,6 +11,7 @@ import pinocchio as pin
 import yaml
 
 from pipeline.errors import ConfigError, ProblemError, require, unknown
+from pipeline.files import check_ordinary, read_text
 from pipeline.problems.parts import PARTS, Part
 from pipeline.problems.region import Region
 from pipeline.robots import Obstacle, Placement, Shape
@@ -227,7 +228,7 @@ def read_problem(path: Path | str, **changes: Any) -> ProblemFile:
     """
     path = Path(path)
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(read_text(path))
     except OSError as error:
         raise ProblemError(f"problem file {path} cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -257,6 +258,7 @@ def choice(value: Any, group: str) -> Choice:
 
 def _points(path: Path) -> np.ndarray:
     try:
+        check_ordinary(path)
         with warnings.catch_warnings(action="ignore"):  # numpy's of an empty file: the error below says it
             stored = (
                 np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
