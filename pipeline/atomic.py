@@ -216,12 +216,14 @@ def _settle(path: Path) -> None:
     if not waiting.exists():
         return
     if path.exists():
-        old = _beside(path, f"{os.getpid()}.partial")
+        old = _beside(path, f"old.{os.getpid()}.partial")
         shutil.rmtree(old, ignore_errors=True)
         try:
             os.rename(path, old)
-        except OSError:  # folders of a container's image cannot be renamed, but their content can be removed
-            shutil.rmtree(path)
+        except OSError as error:
+            if error.errno != errno.EXDEV:
+                raise
+            shutil.rmtree(path)  # folders of a container's image cannot be renamed, but their content can be removed
         shutil.rmtree(old, ignore_errors=True)
     os.rename(waiting, path)
 

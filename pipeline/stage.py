@@ -42,7 +42,7 @@ def guarded(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], None]:
     def run(config: DictConfig) -> None:
         try:
             main(config)
-            sys.stdout.flush()
+            print(end="", flush=True)
         except (PipelineError, OSError) as error:  # OSError: of files and pipes that are no artifacts
             logging.getLogger(__name__).debug("where it happened", exc_info=True)
             sentence = " ".join(str(error).split())  # some of OmegaConf's and pyarrow's are several lines
@@ -56,7 +56,7 @@ def guarded(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], None]:
 def _end(line: str, status: int) -> None:
     print(line, file=sys.stderr)
     try:
-        sys.stdout.flush()
+        print(end="", flush=True)
     except OSError:  # else Python tries again when it ends, and says more about it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status)

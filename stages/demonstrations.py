@@ -41,17 +41,18 @@ def main(cfg: DictConfig) -> None:
     problems = read_problems(source, environment.robot().dimension)
     problems = problems[problems.split != Split.TEST.value]
     files = [source / "scenes.parquet", source / "problems.parquet"]
+    place = here()
     chosen = [asdict(config.environment), asdict(config.oracle), config.shard]
     key = digest(*files, chosen, code_digest(Path(__file__)))
     frames = run_shards(
-        partial(stamped, partial(demonstrate, config.oracle, environment, scenes), here()),
+        partial(stamped, partial(demonstrate, config.oracle, environment, scenes), place),
         list(shards(problems, config.shard)),
         SCRATCH / "demonstrations" / key,
         config.workers,
         "demonstrations",
     )
     paths = pd.concat(frames, ignore_index=True)
-    clocked = ["planning_time", *here(), "measured"]
+    clocked = ["planning_time", *place, "measured"]
     metrics = {
         "problems": len(paths),
         "solved": int(paths.solved.sum()),
