@@ -4,6 +4,8 @@ import difflib
 import math
 from collections.abc import Iterable
 
+_LONGEST = 200  # characters of a value in a message
+
 
 class PipelineError(Exception):
     """Base of every error this package raises on purpose."""
@@ -14,7 +16,7 @@ class ConfigError(PipelineError):
 
 
 class ArtifactError(PipelineError):
-    """A file of an earlier stage is missing, truncated or foreign."""
+    """A file of an earlier stage is missing, truncated or foreign, or one cannot be written."""
 
 
 class ProblemError(PipelineError):
@@ -37,6 +39,12 @@ def unknown(claim: str, name: str, choices: Iterable[str]) -> str:
     return f"{claim} {name!r}{hint}; there are: {', '.join(there) or 'none'}"
 
 
+def shown(value: object) -> str:
+    """Return a value as a message shows it: what is too long to read is cut, and its length said."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(text)} characters)"
+
+
 def require(
     name: str,
     value: float,
@@ -53,12 +61,13 @@ def require(
         ConfigError: names the number, its value and the bounds.
     """
     outside = value < at_least or value > at_most or value <= above or value >= below
-    if math.isfinite(value) and not outside:
+    whole = isinstance(value, int)  # of any size, also where no float is so large
+    if (whole or math.isfinite(value)) and not outside:
         return
     words = {"at least": at_least, "above": above, "at most": at_most, "below": below}
     bounds = [f"{word} {bound:g}{unit}" for word, bound in words.items() if math.isfinite(bound)]
-    finite = [] if math.isfinite(value) else ["finite"]
-    raise ConfigError(f"{name} is {value}{unit}; it must be {' and '.join(finite + bounds)}")
+    finite = [] if whole or math.isfinite(value) else ["finite"]
+    raise ConfigError(f"{name} is {shown(value)}{unit}; it must be {' and '.join(finite + bounds)}")
 
 
 def told_apart(*values: float) -> list[str]:

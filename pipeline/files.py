@@ -3,16 +3,12 @@
 Every table, array file and JSON document carries a schema name and a version. Bytes depend on the content only.
 """
 
-import fcntl
-import glob
-import hashlib
+import errno
 import json
-import logging
+import math
 import os
-import shutil
-import sys
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+import stat
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,82 +17,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.atomic import atomic_file, recover
 from pipeline.errors import ArtifactError
 
-log = logging.getLogger(__name__)
 VERSION = 1  # one version for all schemas; raised when any of them changes incompatibly
-
-
-@contextmanager
-def atomic_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` that replaces it on success and vanishes on failure."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path` that replaces it on success and vanishes on failure.
-
-    What processes that were killed have left there goes too.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):
-        if not _runs(left.name.split(".")[-2]):
-            shutil.rmtree(left, ignore_errors=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir()
-    try:
-        yield temporary
-        if path.exists():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-@contextmanager
-def atomic_entries(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder whose entries replace those of the same name in `folder`; others there stay."""
-    folder = Path(folder)
-    with atomic_folder(folder / ".entries") as temporary:
-        yield temporary
-    for entry in sorted((folder / ".entries").iterdir()):
-        target = folder / entry.name
-        if target.is_dir():
-            shutil.rmtree(target)
-        os.replace(entry, target)
-    (folder / ".entries").rmdir()
-
-
-@contextmanager
-def exclusive(folder: Path) -> Iterator[None]:
-    """Make `folder` and keep it to this process until the block ends; wait while another one has it.
-
-    A stage may outlive the command that started it (only `dvc` was killed, say): a second one would repeat its work
-    beside it. The lock dies with the process.
-    """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder.with_name(f".{folder.name}.lock"), "a+") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            stream.seek(0)
-            log.warning("waiting for process %s, which is at work in %s", stream.read() or "unknown", folder)
-            fcntl.flock(stream, fcntl.LOCK_EX)
-        stream.truncate(0)
-        stream.write(str(os.getpid()))
-        stream.flush()
-        yield
 
 
 def write_table(frame: pd.DataFrame, path: Path, schema: str) -> None:
@@ -113,7 +37,7 @@ def read_table(path: Path, schema: str, columns: Collection[str] = ()) -> pd.Dat
     Raises:
         ArtifactError: the file is missing, truncated, holds another schema or version, or lacks columns.
     """
-    _require(path)
+    require_file(path)
     try:
         table = pq.read_table(path)
     except (pa.ArrowInvalid, OSError) as error:
@@ -140,7 +64,7 @@ def read_arrays(path: Path, schema: str, names: Collection[str] = ()) -> dict[st
     Raises:
         ArtifactError: the file is missing, truncated, holds another schema or version, or lacks arrays.
     """
-    _require(path)
+    require_file(path)
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
@@ -152,10 +76,13 @@ def read_arrays(path: Path, schema: str, names: Collection[str] = ()) -> dict[st
 
 
 def write_json(content: Mapping[str, Any], path: Path, schema: str | None = None) -> None:
-    """Write a JSON document; with `schema`, its name and the version come first."""
+    """Write a JSON document; with `schema`, its name and the version come first.
+
+    JSON has no word for what is not finite: NaN and infinities become null.
+    """
     head = {} if schema is None else {"schema": schema, "version": VERSION}
     with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps({**head, **content}, indent=2) + "\n")
+        temporary.write_text(json.dumps(finite({**head, **content}), indent=2, allow_nan=False) + "\n")
 
 
 def read_json(path: Path, schema: str | None = None) -> dict[str, Any]:
@@ -164,10 +91,10 @@ def read_json(path: Path, schema: str | None = None) -> dict[str, Any]:
     Raises:
         ArtifactError: the file is missing, truncated, or holds another schema or version.
     """
-    _require(path)
+    require_file(path)
     try:
-        content = json.loads(Path(path).read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        content = json.loads(Path(path).read_text(), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError, OSError) as error:  # ValueError: of the syntax, the encoding, numbers too long
         raise ArtifactError(f"{path} is not readable JSON (truncated or foreign): {error}") from error
     if not isinstance(content, dict):
         raise ArtifactError(f"{path} holds a JSON {type(content).__name__}, expected an object")
@@ -176,39 +103,56 @@ def read_json(path: Path, schema: str | None = None) -> dict[str, Any]:
     return content
 
 
-def digest(*parts: Any) -> str:
-    """Return a short hash of files (Path) and JSON-able values, the key of resumable work."""
-    state = hashlib.sha256()
-    for part in parts:
-        if isinstance(part, Path):
-            _require(part)
-            state.update(part.read_bytes())
-        else:
-            state.update(json.dumps(part, sort_keys=True, default=str).encode())
-        state.update(b"\0")  # (1, 23) is not (12, 3)
-    return state.hexdigest()[:16]
+def require_file(path: Path) -> None:
+    """Refuse a path that is no ordinary file: a device or a pipe could be read without end.
+
+    Raises:
+        ArtifactError: there is no such file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        recover(path.parent)
+    if not path.is_file():
+        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
+
+
+def read_text(path: Path) -> str:
+    """Return the text (UTF-8) of an ordinary file: of a device or a pipe there might be no end.
+
+    Raises:
+        OSError: no such file, no ordinary one, or the system does not let us read it.
+    """
+    check_ordinary(path)
+    return Path(path).read_text(encoding="utf-8")
+
+
+def check_ordinary(path: Path) -> None:
+    """Refuse what is no ordinary file, before it is opened.
+
+    Raises:
+        OSError: no such file, or a folder, device, pipe or socket.
+    """
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise OSError(errno.EINVAL, "it is a folder, device, pipe or socket", str(path))
+
+
+def finite(value: Any) -> Any:
+    """Return data for JSON, with None for every number that is not finite."""
+    if isinstance(value, Mapping):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _refuse_constant(word: str) -> None:
+    raise ValueError(f"{word} is no JSON")
 
 
 def _complete(path: Path, wanted: Collection[str], found: Collection[str]) -> None:
     missing = [name for name in wanted if name not in found]
     if missing:
         raise ArtifactError(f"{path} lacks {', '.join(missing)}; it has {', '.join(found)}")
-
-
-def _runs(process: str) -> bool:
-    """Tell whether a process of this number runs."""
-    try:
-        os.kill(int(process), 0)
-    except (ValueError, ProcessLookupError):
-        return False
-    except PermissionError:  # it runs, as somebody else's
-        pass
-    return True
-
-
-def _require(path: Path) -> None:
-    if not Path(path).is_file():
-        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
 
 
 def _check(path: Path, expected: str, schema: str, version: str) -> None:
@@ -218,10 +162,3 @@ def _check(path: Path, expected: str, schema: str, version: str) -> None:
         raise ArtifactError(
             f"{path} has version {version or 'none'!r} of schema {expected!r}, this code reads {VERSION}"
         )
-
-
-def code_digest() -> str:
-    """Return a short hash of the sources of this package that are loaded: part of the key of resumable work."""
-    names = sorted(name for name in sys.modules if name.split(".")[0] == "pipeline")
-    files = [getattr(sys.modules[name], "__file__", None) for name in names]
-    return digest(*(Path(file) for file in files if file))

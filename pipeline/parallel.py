@@ -1,13 +1,19 @@
-"""Resumable work over all cores: shards are kept as they finish, so a killed run continues where it was."""
+"""Resumable work over all cores: shards are kept as they finish, so a killed run continues where it was.
+
+What repeats to the bit is kept for any later run of equal inputs (`run_shards`). What a clock measured belongs to the
+machine and the hour: only a run that was killed goes on with it (`timed_shards`).
+"""
 
 import logging
 import os
+import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import pandas as pd
 from joblib import Parallel, delayed
@@ -15,12 +21,16 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
 
+from pipeline.atomic import exclusive
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.files import exclusive, read_table, write_table
+from pipeline.files import read_json, read_table, write_json, write_table
+from pipeline.keys import digest
+from pipeline.machine import now
 
 log = logging.getLogger(__name__)
 Item = TypeVar("Item")
 _LOG_SECONDS = 15.0  # without a terminal, a line at least this far from the last one
+_BEGUN = "begun.json"  # beside timed shards: when the first of them was begun, and where
 
 
 def run_shards(
@@ -32,7 +42,7 @@ def run_shards(
 ) -> list[pd.DataFrame]:
     """Return `work(item)` for every (name, item) in order; finished shards of an earlier run are read, not repeated.
 
-    Waits while another process works in the same scratch folder.
+    For work that repeats to the bit. Waits while another process works in the same scratch folder.
 
     Args:
         work: a picklable function of one item; runs in other processes with one thread each.
@@ -43,28 +53,111 @@ def run_shards(
 
     Raises:
         ConfigError: a negative number of workers.
+        ArtifactError: the system does not let us write.
     """
+    _check(workers)
+    with exclusive(scratch):
+        return _finish(work, items, scratch, workers, label)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """What was measured, and where and when.
+
+    Attributes:
+        frames: in the order of the items.
+        provenance: what was given, and under "measured" from when to when (UTC).
+    """
+
+    frames: list[pd.DataFrame]
+    provenance: dict[str, Any]
+
+
+@contextmanager
+def timed_shards(
+    work: Callable[[Item], pd.DataFrame],
+    items: Sequence[tuple[str, Item]],
+    scratch: Path,
+    workers: int,
+    label: str,
+    provenance: Mapping[str, Any],
+) -> Iterator[Timed]:
+    """Yield `work(item)` for every (name, item), measured under `provenance`; inside, write what it is for.
+
+    Only a run that was killed, or whose block failed, leaves shards, and only a run of the same provenance takes them.
+    Waits while another process works on the same.
+
+    Args:
+        work: see `run_shards`.
+        items: likewise.
+        workers: likewise.
+        label: likewise.
+        scratch: as there; the shards lie beside it, in a folder named by the provenance as well.
+        provenance: of the measurement, as plain data: commit, machine and versions.
+
+    Raises:
+        ConfigError: a negative number of workers.
+        ArtifactError: the system does not let us write.
+    """
+    _check(workers)
+    folder = scratch.with_name(digest(scratch.name, provenance, workers))  # who work beside each other are slower
+    with exclusive(folder):
+        begun = _begun(folder, provenance)
+        frames = _finish(work, items, folder, workers, label)
+        yield Timed(frames, {**provenance, "measured": f"{begun} to {now()}"})
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _check(workers: int) -> None:
     if workers < 0:
         raise ConfigError(f"workers is {workers}; it must be at least 0 (0 uses all cores)")
-    with exclusive(scratch):
-        found: dict[str, pd.DataFrame] = {}
-        for name, _ in items:
-            try:
-                found[name] = read_table(scratch / f"{name}.parquet", "shard")
-            except ArtifactError:
-                continue
-        waiting = [(name, item) for name, item in items if name not in found]
-        if found:
-            log.info("%s: %d of %d shards are there from an earlier run", label, len(found), len(items))
-        processes = min(workers or len(os.sched_getaffinity(0)), max(len(waiting), 1))
-        with _Progress(label, len(items), len(found)) as progress:
-            # One process runs in this one: no pool to start, and a debugger can step into it.
-            jobs = (delayed(_shard)(work, name, item, scratch) for name, item in waiting)
-            pool = Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-            for name, frame in pool(jobs):
-                found[name] = frame
-                progress.advance()
-        return [found[name] for name, _ in items]
+
+
+def _finish(
+    work: Callable[[Item], pd.DataFrame], items: Sequence[tuple[str, Item]], scratch: Path, workers: int, label: str
+) -> list[pd.DataFrame]:
+    found: dict[str, pd.DataFrame] = {}
+    for name, _ in items:
+        try:
+            found[name] = read_table(scratch / f"{name}.parquet", "shard")
+        except ArtifactError:
+            continue
+    waiting = [(name, item) for name, item in items if name not in found]
+    if found:
+        log.info("%s: %d of %d shards are there from an earlier run", label, len(found), len(items))
+    processes = min(workers or len(os.sched_getaffinity(0)), max(len(waiting), 1))
+    with _Progress(label, len(items), len(found)) as progress:
+        # One process runs in this one: no pool to start, and a debugger can step into it.
+        jobs = (delayed(_shard)(work, name, item, scratch) for name, item in waiting)
+        pool = Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+        for name, frame in pool(jobs):
+            found[name] = frame
+            progress.advance()
+    return [found[name] for name, _ in items]
+
+
+def _begun(folder: Path, provenance: Mapping[str, Any]) -> str:
+    """Return when the shards of a folder were begun; shards that do not say so, or not from here, are removed."""
+    try:
+        stored = read_json(folder / _BEGUN, "begun")
+        if digest(stored["provenance"]) == digest(provenance):
+            return str(stored["begun"])
+    except (ArtifactError, KeyError):
+        pass
+    for shard in folder.glob("*.parquet"):
+        shard.unlink()
+    begun = now()
+    write_json({"begun": begun, "provenance": dict(provenance)}, folder / _BEGUN, "begun")
+    return begun
+
+
+def stamped(work: Callable[[Item], pd.DataFrame], provenance: Mapping[str, str], item: Item) -> pd.DataFrame:
+    """Return `work(item)` with the provenance, and when it began as "measured", in columns of their own.
+
+    For work that repeats but for the times among its columns: these outlive the run that measured them.
+    """
+    begun = now()
+    return work(item).assign(**provenance, measured=begun)
 
 
 @contextmanager

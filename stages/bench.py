@@ -6,6 +6,7 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from pipeline.atomic import check_file
 from pipeline.config import load
 from pipeline.evaluation.bench import Bench, measure
 from pipeline.reporting.markdown import write_part
@@ -17,6 +18,8 @@ from pipeline.stage import guarded
 @guarded
 def main(cfg: DictConfig) -> None:
     bench = load(cfg, Bench)
+    if bench.output:
+        check_file(bench.output)
     command = shlex.join(["python", "stages/bench.py", *HydraConfig.get().overrides.task])
     text = performance_page(measure(bench), command)
     print(text, end="")

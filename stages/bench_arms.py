@@ -1,7 +1,6 @@
 """Measure families of tasks, ours beside peers. Not a stage of the pipeline."""
 
 import shlex
-import shutil
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -11,12 +10,13 @@ import pandas as pd
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from pipeline.atomic import check_file
 from pipeline.config import load
 from pipeline.evaluation.arm_contest import ArmContest, arm_shard, installed
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.upkeep import Upkeep, maintain
-from pipeline.files import code_digest, digest
-from pipeline.parallel import run_shards, single_threaded
+from pipeline.keys import code_digest, digest
+from pipeline.parallel import single_threaded, timed_shards
 from pipeline.reporting.arms_page import arms_page
 from pipeline.reporting.markdown import write_part
 from pipeline.stage import SCRATCH, guarded
@@ -34,17 +34,18 @@ class Config:
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     command = shlex.join(["python", "stages/bench_arms.py", *HydraConfig.get().overrides.task])
-    contest, machine = installed(config.contest), hardware()
-    measured = {key: value for key, value in machine.items() if key != "commit"}  # of the code there is a digest
-    scratch = SCRATCH / "arms" / digest(asdict(contest), code_digest(), measured)
+    if config.output:
+        check_file(config.output)
+    contest = installed(config.contest)
+    scratch = SCRATCH / "arms" / digest(asdict(contest), code_digest(Path(__file__)))
     with single_threaded():
         upkept = maintain(config.upkeep, contest.families, contest.seed)
-    rows = pd.concat(run_shards(partial(arm_shard, contest), contest.shards(), scratch, 1, "arms"), ignore_index=True)
-    text = arms_page(rows[~rows["tried"]], rows[rows["tried"]], upkept, contest, command, machine)
-    print(text, end="")
-    if config.output:
-        write_part(text, config.output)
-    shutil.rmtree(scratch)  # the next run measures anew; only a killed one goes on
+    with timed_shards(partial(arm_shard, contest), contest.shards(), scratch, 1, "arms", hardware()) as measured:
+        rows = pd.concat(measured.frames, ignore_index=True)
+        text = arms_page(rows[~rows["tried"]], rows[rows["tried"]], upkept, contest, command, measured.provenance)
+        print(text, end="")
+        if config.output:
+            write_part(text, config.output)
 
 
 if __name__ == "__main__":

@@ -2,25 +2,28 @@
 
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 
 import hydra
 import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
+from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.environments import BANDS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.environments.oracle import shards
 from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, benchmark_metrics, method_settings, run_trials, sample_clouds
-from pipeline.files import atomic_folder, code_digest, digest, read_arrays, write_arrays, write_json, write_table
+from pipeline.files import read_arrays, write_arrays, write_json, write_table
+from pipeline.keys import code_digest, digest
 from pipeline.learning import CompnetxNetwork, load_model
-from pipeline.parallel import run_shards, single_threaded
+from pipeline.parallel import single_threaded, timed_shards
 from pipeline.profile import Profile
 from pipeline.recording.trials import record_trials
 from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
-from pipeline.stage import SCRATCH, folder, guarded
+from pipeline.stage import SCRATCH, destination, folder, guarded
 
 
 @dataclass(frozen=True)
@@ -41,33 +44,32 @@ class Config:
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     profile, name, scale = config.profile.name, config.environment.name, config.profile.benchmark
+    target = destination(profile, "benchmark", name)
     environment = config.environment.make(ENVIRONMENTS, "environment")
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
-    trained = folder(profile, "train", name) / "model.pt"
-    scenes = read_scenes(source)
+    trained, scenes = folder(profile, "train", name) / "model.pt", read_scenes(source)
     every = read_problems(source, environment.robot().dimension)
     problems = pick(every, [Split.TEST], scale.problems_per_scene, {BANDS: scale.band_problems})
     grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
-    chosen = [scale.problems_per_scene, scale.band_problems, config.shard]
-    key = digest(*files, chosen, asdict(config.experiment), config.environment.parameters, code_digest())
-    frames = run_shards(
-        partial(run_trials, config.experiment, environment, scenes, learned),
-        list(shards(problems, config.shard)),
-        SCRATCH / "benchmark" / key,
-        config.workers,
-        "benchmark",
-    )
-    trials = pd.concat(frames, ignore_index=True)
+    chosen = [scale.problems_per_scene, scale.band_problems, config.shard, asdict(config.environment)]
+    key = digest(*files, chosen, asdict(config.experiment), code_digest(Path(__file__)))
+    work = partial(run_trials, config.experiment, environment, scenes, learned)
+    items, scratch = list(shards(problems, config.shard)), SCRATCH / "benchmark" / key
     path_columns = ["path", "waypoints", "dimension"]
-    with atomic_folder(folder(profile, "benchmark", name)) as out, single_threaded():
+    with (
+        timed_shards(work, items, scratch, config.workers, "benchmark", hardware()) as measured,
+        atomic_folder(target) as out,
+        single_threaded(),
+    ):
+        trials = pd.concat(measured.frames, ignore_index=True)
         write_table(trials.drop(columns=path_columns), out / "trials.parquet", "trials")
-        keys = ["scenario", "scene", "problem", "method", "adherence"]
-        write_table(trials.loc[trials.solved, keys + path_columns], out / "solutions.parquet", "solutions")
+        columns = ["scenario", "scene", "problem", "method", "adherence", *path_columns]
+        write_table(trials.loc[trials.solved, columns], out / "solutions.parquet", "solutions")
         clouds = sample_clouds(config.experiment, environment, scenes, learned, problems, config.cloud)
         write_arrays(clouds, out / "samples.npz", "samples")
-        write_json(hardware(), out / "hardware.json", "hardware")
+        write_json(measured.provenance, out / "hardware.json", "hardware")
         write_json(method_settings(config.experiment), out / "methods.json", "methods")
         write_json(benchmark_metrics(trials), out / "metrics.json")
         settings = OmegaConf.to_container(cfg, resolve=True)

@@ -2,24 +2,28 @@
 
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import hydra
 import pandas as pd
 from omegaconf import DictConfig
 
+from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.environments.oracle import shards
 from pipeline.evaluation.choices import Variant, variants
+from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, Method, run_trials
-from pipeline.files import atomic_folder, code_digest, digest, read_arrays, write_table
+from pipeline.files import read_arrays, write_json, write_table
+from pipeline.keys import code_digest, digest
 from pipeline.learning import CompnetxNetwork, load_model
-from pipeline.parallel import run_shards
+from pipeline.parallel import timed_shards
 from pipeline.profile import Profile
 from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice, convert
-from pipeline.stage import SCRATCH, folder, guarded
+from pipeline.stage import SCRATCH, destination, folder, guarded
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,7 @@ def main(cfg: DictConfig) -> None:
     empty = convert({**config.experiment, "methods": {"base": asdict(next(iter(methods.values())))}}, Experiment)
     experiment = replace(empty, methods=methods)
     profile, name = config.profile.name, config.environment.name
+    target = destination(profile, "choices", name)
     environment = config.environment.make(ENVIRONMENTS, "environment")
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained = folder(profile, "train", name) / "model.pt"
@@ -50,18 +55,17 @@ def main(cfg: DictConfig) -> None:
     grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
-    chosen = [config.profile.choices.problems_per_scene, config.shard]
-    key = digest(*files, chosen, asdict(experiment), config.environment.parameters, code_digest())
-    frames = run_shards(
-        partial(run_trials, experiment, environment, scenes, learned),
-        list(shards(problems, config.shard)),
-        SCRATCH / "choices" / key,
-        config.workers,
-        "choices",
-    )
-    trials = pd.concat(frames, ignore_index=True).drop(columns=["path", "waypoints", "dimension"])
-    with atomic_folder(folder(profile, "choices", name)) as out:
+    chosen = [config.profile.choices.problems_per_scene, config.shard, asdict(config.environment)]
+    key = digest(*files, chosen, asdict(experiment), code_digest(Path(__file__)))
+    work = partial(run_trials, experiment, environment, scenes, learned)
+    items, scratch = list(shards(problems, config.shard)), SCRATCH / "choices" / key
+    with (
+        timed_shards(work, items, scratch, config.workers, "choices", hardware()) as measured,
+        atomic_folder(target) as out,
+    ):
+        trials = pd.concat(measured.frames, ignore_index=True).drop(columns=["path", "waypoints", "dimension"])
         write_table(trials, out / "trials.parquet", "trials")
+        write_json(measured.provenance, out / "hardware.json", "hardware")
 
 
 if __name__ == "__main__":

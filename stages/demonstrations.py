@@ -2,19 +2,23 @@
 
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 
 import hydra
 import pandas as pd
 from omegaconf import DictConfig
 
+from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.environments import ENVIRONMENTS, Split, read_problems, read_scenes
 from pipeline.environments.oracle import Oracle, demonstrate, shards
-from pipeline.files import atomic_folder, code_digest, digest, write_json, write_table
-from pipeline.parallel import run_shards
+from pipeline.files import write_json, write_table
+from pipeline.keys import code_digest, digest
+from pipeline.machine import here
+from pipeline.parallel import run_shards, stamped
 from pipeline.profile import Profile
 from pipeline.schema import Choice
-from pipeline.stage import SCRATCH, folder, guarded
+from pipeline.stage import SCRATCH, destination, folder, guarded
 
 
 @dataclass(frozen=True)
@@ -30,22 +34,25 @@ class Config:
 @guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
+    target = destination(config.profile.name, "demonstrations", config.environment.name)
     environment = config.environment.make(ENVIRONMENTS, "environment")
     source = folder(config.profile.name, "scenes", config.environment.name)
     scenes = read_scenes(source)
     problems = read_problems(source, environment.robot().dimension)
     problems = problems[problems.split != Split.TEST.value]
     files = [source / "scenes.parquet", source / "problems.parquet"]
-    key = digest(*files, config.environment.parameters, asdict(config.oracle), config.shard, code_digest())
+    place = here()
+    chosen = [asdict(config.environment), asdict(config.oracle), config.shard]
+    key = digest(*files, chosen, code_digest(Path(__file__)))
     frames = run_shards(
-        partial(demonstrate, config.oracle, environment, scenes),
+        partial(stamped, partial(demonstrate, config.oracle, environment, scenes), place),
         list(shards(problems, config.shard)),
         SCRATCH / "demonstrations" / key,
         config.workers,
         "demonstrations",
     )
     paths = pd.concat(frames, ignore_index=True)
-    times = paths[["scene", "problem", "planning_time"]]
+    clocked = ["planning_time", *place, "measured"]
     metrics = {
         "problems": len(paths),
         "solved": int(paths.solved.sum()),
@@ -53,9 +60,9 @@ def main(cfg: DictConfig) -> None:
         "median_length": float(paths[paths.solved].length.median()),
         "median_length_before_shortcuts": float(paths[paths.solved].raw_length.median()),
     }
-    with atomic_folder(folder(config.profile.name, "demonstrations", config.environment.name)) as out:
-        write_table(paths.drop(columns="planning_time"), out / "paths.parquet", "paths")
-        write_table(times, out / "timing.parquet", "timing")
+    with atomic_folder(target) as out:
+        write_table(paths.drop(columns=clocked), out / "paths.parquet", "paths")
+        write_table(paths[["scene", "problem", *clocked]], out / "timing.parquet", "timing")
         write_json(metrics, out / "metrics.json")
 
 

@@ -7,13 +7,14 @@ import hydra
 from omegaconf import DictConfig
 
 from pipeline import reporting
+from pipeline.atomic import atomic_entries, check_file
 from pipeline.config import load
 from pipeline.environments import read_scenes
 from pipeline.errors import ConfigError
-from pipeline.files import atomic_entries, read_arrays, read_json, read_table
+from pipeline.files import read_arrays, read_json, read_table
 from pipeline.profile import Profile
 from pipeline.recording.layout import write_layout
-from pipeline.reporting.frames import read_curves
+from pipeline.reporting.frames import check_drawable, read_curves
 from pipeline.stage import folder, guarded
 
 
@@ -27,6 +28,7 @@ class Config:
     def __post_init__(self) -> None:
         if self.output.resolve() == Path.cwd().resolve():
             raise ConfigError("output is the current folder and would replace README.md; name one such as reports")
+        check_file(self.output / "README.md")
         if not self.environments:
             raise ConfigError("environments is empty; name at least one")
 
@@ -35,6 +37,8 @@ class Config:
 @guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
+    for name in config.environments:
+        check_drawable(name, read_arrays(folder(config.profile.name, "benchmark", name) / "samples.npz", "samples"))
     # Entry by entry: beside these pages may lie others that this stage does not write.
     with atomic_entries(config.output) as out:
         summaries = [(f"{name}.md", _page(config, name, out)) for name in config.environments]
@@ -54,9 +58,8 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     scenes = read_scenes(folder(config.profile.name, "scenes", name))
     obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
-    provenance = _provenance(config, name)
+    provenance, stills = _provenance(config, name), reporting.Stills(config.plain_stills)
     figures = out / name  # beside the page, which links to it by this name
-    stills = reporting.Stills(config.plain_stills)
     pictures = {
         **reporting.sphere_figures(trials, curves, figures),
         **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
@@ -66,14 +69,8 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
 
 
 def _provenance(config: Config, name: str) -> reporting.Provenance:
-    machine = read_json(folder(config.profile.name, "benchmark", name) / "hardware.json", "hardware")
-    command = f"make repro PROFILE={config.profile.name}"
-    return reporting.Provenance(
-        str(machine.pop("commit")),  # of what was measured, not of what draws it
-        config.profile.name,
-        dict.fromkeys(("benchmark", "train", "choices", "report"), command),
-        machine,
-    )
+    places = [folder(config.profile.name, stage, name) / "hardware.json" for stage in ("benchmark", "choices")]
+    return reporting.Provenance.read(config.profile.name, *places)
 
 
 if __name__ == "__main__":

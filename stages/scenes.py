@@ -1,20 +1,22 @@
 """Generate the scenes and problems of an environment."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import hydra
 import pandas as pd
 from omegaconf import DictConfig
 
+from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.environments import BANDS, ENVIRONMENTS, Scene, Split, write_problems, write_scenes
-from pipeline.files import atomic_folder, code_digest, digest
+from pipeline.keys import code_digest, digest
 from pipeline.parallel import run_shards
 from pipeline.profile import Profile
 from pipeline.schema import Choice
-from pipeline.stage import SCRATCH, folder, guarded
+from pipeline.stage import SCRATCH, destination, guarded
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Config:
 @guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
+    target = destination(config.profile.name, "scenes", config.environment.name)
     environment, scale = config.environment.make(ENVIRONMENTS, "environment"), config.profile.scenes
     scenes = environment.scenes(scale.counts)
     counts = {
@@ -38,7 +41,7 @@ def main(cfg: DictConfig) -> None:
         else scale.pairs
         for scene in scenes
     }
-    key = digest(config.environment.parameters, counts, code_digest())
+    key = digest(asdict(config.environment), counts, code_digest(Path(__file__)))
     problems = run_shards(
         partial(_problems, environment, counts),
         [(scene.name, scene) for scene in scenes],
@@ -46,7 +49,7 @@ def main(cfg: DictConfig) -> None:
         config.workers,
         "scenes",
     )
-    with atomic_folder(folder(config.profile.name, "scenes", config.environment.name)) as out:
+    with atomic_folder(target) as out:
         write_scenes(scenes, out)
         write_problems(pd.concat(problems, ignore_index=True), out)
 

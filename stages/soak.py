@@ -12,9 +12,10 @@ import pandas as pd
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from pipeline.atomic import check_file
 from pipeline.config import load
 from pipeline.evaluation.soak import Soak, soak_shard, wrong
-from pipeline.files import code_digest, digest
+from pipeline.keys import code_digest, digest
 from pipeline.parallel import run_shards
 from pipeline.reporting.markdown import write
 from pipeline.reporting.soak_page import soak_page
@@ -34,7 +35,9 @@ class Config:
 @guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
-    key = digest(asdict(config.soak), code_digest())
+    if config.output:
+        check_file(config.output)
+    key = digest(asdict(config.soak), code_digest(Path(__file__)))
     shards = config.soak.shards()
     frames = run_shards(partial(soak_shard, config.soak), shards, SCRATCH / "soak" / key, config.workers, "soak")
     rows = pd.concat(frames, ignore_index=True)

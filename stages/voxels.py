@@ -6,13 +6,14 @@ import hydra
 import numpy as np
 from omegaconf import DictConfig
 
+from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.environments import read_scenes
-from pipeline.files import atomic_folder, write_arrays
+from pipeline.files import write_arrays
 from pipeline.perception import Perception, scene_voxels
 from pipeline.profile import Profile
 from pipeline.schema import Choice
-from pipeline.stage import folder, guarded
+from pipeline.stage import destination, folder, guarded
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,10 @@ class Config:
 @guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
+    target = destination(config.profile.name, "voxels", config.environment.name)
     scenes = read_scenes(folder(config.profile.name, "scenes", config.environment.name))
     grids = [scene_voxels(s.obstacles, config.perception.voxels, config.perception.seed) for s in scenes.values()]
-    with atomic_folder(folder(config.profile.name, "voxels", config.environment.name)) as out:
+    with atomic_folder(target) as out:
         write_arrays(
             {"scene": np.array(list(scenes)), "voxels": np.stack(grids), "bounds": config.perception.voxels.bounds},
             out / "voxels.npz",

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, require, told_apart
+from pipeline.errors import ConfigError, require, shown, told_apart
 
 
 @pytest.mark.parametrize(
@@ -48,3 +48,16 @@ def test_numbers_are_told_apart():
             assert (one != two) == (value != other)
     lengths = [len(told_apart(2.0, 2.0 + apart)[1]) for apart in (1e-3, 1e-6, 1e-9, 1e-12)]
     assert all(a < b for a, b in pairwise(lengths))
+
+
+def test_whole_numbers_have_no_largest():
+    """A whole number beyond every float is judged by the bounds, and its digits do not fill the screen."""
+    require("n", 10**400, at_least=1)
+    with pytest.raises(ConfigError, match=r"n is 10{199}\.\.\. \(401 characters\); it must be at most 5$"):
+        require("n", 10**400, at_most=5)
+
+
+def test_long_values_are_cut():
+    """A value of up to 200 characters is shown whole, a longer one cut, with its length."""
+    assert shown("x" * 198) == repr("x" * 198)
+    assert shown([1] * 100) == f"{str([1] * 100)[:200]}... (300 characters)"

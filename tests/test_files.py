@@ -1,11 +1,11 @@
 """Files are written whole or not at all; what is truncated, foreign or of another version is refused by name."""
 
+import errno
 import json
-import logging
+import math
+import os
 import re
-import subprocess
-import sys
-import threading
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,16 +13,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from pipeline.atomic import atomic_folder
 from pipeline.errors import ArtifactError
 from pipeline.files import (
     VERSION,
-    atomic_file,
-    atomic_folder,
-    digest,
-    exclusive,
     read_arrays,
     read_json,
     read_table,
+    read_text,
     write_arrays,
     write_json,
     write_table,
@@ -166,8 +164,6 @@ def test_missing_file_says_what_to_run(kind, tmp_path):
     for path in (tmp_path / "absent", tmp_path):
         with refusal(path, "does not exist", "dvc repro"):
             read(path, "schema")
-    with refusal(tmp_path / "absent", "dvc repro"):
-        digest(tmp_path / "absent")
 
 
 @pytest.mark.parametrize("older", [None, "kept"])
@@ -180,119 +176,12 @@ def test_failed_write_leaves_no_trace(older, tmp_path):
         lambda: write_json({"fine": 1, "not JSON": {1, 2}}, path),
         lambda: write_arrays({"fine": np.arange(3), "no array": (i for i in range(3))}, path, "s"),
         lambda: write_table(pd.DataFrame({"x": [1, "mixed"]}), path, "s"),
-        lambda: interrupted(path),
     )
     for attempt in attempts:
-        with pytest.raises((TypeError, KeyboardInterrupt, pa.ArrowInvalid, pa.ArrowTypeError)):
+        with pytest.raises((TypeError, pa.ArrowInvalid, pa.ArrowTypeError)):
             attempt()
         assert [p.name for p in tmp_path.iterdir()] == (["file"] if older else [])
         assert not older or path.read_text() == older
-
-
-def interrupted(path) -> None:
-    with atomic_file(path) as temporary:
-        temporary.write_text("half")
-        raise KeyboardInterrupt
-
-
-def test_nothing_is_seen_before_it_is_whole(tmp_path):
-    """While a file is written its name holds the older content, and who has that open goes on reading it."""
-    (tmp_path / "file").write_text("old")
-    with open(tmp_path / "file") as reader:
-        with atomic_file(tmp_path / "file") as temporary:
-            temporary.write_text("new")
-            assert (tmp_path / "file").read_text() == "old"
-            assert temporary.parent == tmp_path  # on the same file system, so that renaming it is atomic
-        assert reader.read() == "old"
-    assert (tmp_path / "file").read_text() == "new"
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_folder_replaces_the_older_one_or_vanishes(tmp_path):
-    """A folder is replaced as a whole on success; on failure the older one stays and nothing else."""
-    for name in ("first", "second"):
-        with atomic_folder(tmp_path / "folder") as temporary:
-            (temporary / name).write_text(name)
-        assert [p.name for p in (tmp_path / "folder").iterdir()] == [name]
-    with pytest.raises(RuntimeError), atomic_folder(tmp_path / "folder") as temporary:
-        (temporary / "third").write_text("third")
-        raise RuntimeError
-    assert [p.name for p in tmp_path.iterdir()] == ["folder"]
-    assert (tmp_path / "folder" / "second").read_text() == "second"
-
-
-def test_folders_left_by_killed_processes_go(tmp_path):
-    """The half-written folder of a process that was killed is gone after the next write; one at work keeps its own."""
-    begun = "import sys, time; from pathlib import Path; from pipeline.files import atomic_folder\n"
-    begun += "with atomic_folder(Path(sys.argv[1])) as out:\n"
-    begun += "    (out / 'a').write_text('half'); print('in', flush=True); time.sleep(60)"
-    processes = [
-        subprocess.Popen([sys.executable, "-c", begun, str(tmp_path / "out")], stdout=subprocess.PIPE) for _ in range(2)
-    ]
-    for process in processes:
-        assert process.stdout.readline() == b"in\n"
-    killed, working = processes
-    killed.kill()
-    killed.wait(30)
-    assert len(list(tmp_path.glob(".out.*.partial"))) == 2
-    with atomic_folder(tmp_path / "out") as out:
-        (out / "a").write_text("whole")
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f".out.{working.pid}.partial", "out"]
-    working.kill()
-    working.wait(30)
-
-
-def test_digest_depends_on_content_only(tmp_path):
-    """Equal files and values have equal digests whatever their names and key order; any change makes another one."""
-    for name, text in (("a", "x"), ("b", "x"), ("c", "y")):
-        (tmp_path / name).write_text(text)
-    same = digest({"p": 1, "q": [2.5]}, tmp_path / "a")
-    assert same == digest({"q": [2.5], "p": 1}, tmp_path / "b")
-    others = [
-        digest({"p": 1, "q": [2.5]}, tmp_path / "c"),
-        digest({"p": 2, "q": [2.5]}, tmp_path / "a"),
-        digest(tmp_path / "a", {"p": 1, "q": [2.5]}),
-        digest({"p": 1, "q": [2.5]}),
-    ]
-    assert len({same, *others}) == 5
-    assert re.fullmatch("[0-9a-f]{16}", same)
-
-
-HOLDER = """
-import sys, time
-from pathlib import Path
-from pipeline.files import exclusive
-with exclusive(Path(sys.argv[1])):
-    print("in", flush=True)
-    sys.stdin.readline()
-print("out", flush=True)
-"""
-
-
-def test_a_folder_is_worked_in_by_one_process_at_a_time(tmp_path, caplog):
-    """A second process waits, saying for which one, until the first has left or was killed."""
-    folder = tmp_path / "deep" / "work"
-    for leave in (lambda process: process.communicate("\n", timeout=30), lambda process: process.kill()):
-        process = subprocess.Popen(
-            [sys.executable, "-c", HOLDER, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        assert process.stdout.readline() == "in\n"
-        entered = threading.Event()
-
-        def enter(entered=entered):
-            with exclusive(folder):
-                entered.set()
-
-        caplog.clear()
-        with caplog.at_level(logging.WARNING):
-            other = threading.Thread(target=enter)
-            other.start()
-            assert not entered.wait(0.3)
-            leave(process)
-            other.join(30)
-        assert entered.is_set()
-        assert f"waiting for process {process.pid}" in caplog.text and str(folder) in caplog.text
-        process.wait(30)
 
 
 def test_missing_columns_and_arrays_are_named(tmp_path):
@@ -304,3 +193,83 @@ def test_missing_columns_and_arrays_are_named(tmp_path):
     write_arrays(ARRAYS, tmp_path / "a.npz", "voxels")
     with pytest.raises(ArtifactError, match=r"a\.npz lacks scene; it has voxels, path"):
         read_arrays(tmp_path / "a.npz", "voxels", ["voxels", "scene"])
+
+
+class Odd(float):
+    """A number of a class of its own, as numpy's are."""
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, np.float64("nan"), np.float64("-inf"), Odd("inf")])
+def test_json_has_null_for_what_is_not_finite(number, tmp_path):
+    """What is written is JSON by the letter, wherever a number that JSON has no word for stands; others keep bits."""
+    inside = {"a": number, "b": [1 / 3, [number], {"c": (number, np.float64(0.1))}], "d": 5e-324}
+    write_json(inside, tmp_path / "m.json", "metrics")
+    text = (tmp_path / "m.json").read_text()
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    json.loads(text, parse_constant=refuse)
+    assert read_json(tmp_path / "m.json", "metrics") == {
+        "a": None,
+        "b": [1 / 3, [None], {"c": [None, 0.1]}],
+        "d": 5e-324,
+    }
+
+
+@pytest.mark.parametrize(
+    "text", ['{"a": NaN}', '{"a": [-Infinity]}', f'{{"a": {"9" * 5000}}}', "[" * 100_000, '{"a":' * 100_000]
+)
+def test_json_that_no_other_program_reads_is_refused(text, tmp_path):
+    """Words that are no JSON, numbers of thousands of digits and endless nesting are refused by name."""
+    (tmp_path / "odd.json").write_text(text)
+    with refusal(tmp_path / "odd.json", "not readable JSON"):
+        read_json(tmp_path / "odd.json")
+
+
+@pytest.mark.parametrize("what", ["/dev/zero", "/dev/null", "fifo"])
+def test_what_is_no_ordinary_file_is_not_read(kind, what, tmp_path):
+    """A device or a pipe in the place of a file is refused at once: reading it might never end."""
+    read, path = kind[2], tmp_path / "file"
+    if what == "fifo":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(what)
+    with refusal(path, "does not exist", "dvc repro"):
+        read(path, "schema")
+
+
+def test_a_file_nobody_may_read_is_refused(kind, tmp_path, monkeypatch):
+    """What the system says against reading a file is said with the file's name."""
+    _, write, read, content = kind
+    write(content, tmp_path / "file", "schema")
+
+    def refuse(*_, **__):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    monkeypatch.setattr(pq, "read_table", refuse)
+    monkeypatch.setattr(np, "load", refuse)
+    with refusal(tmp_path / "file", "not", "readable", "Permission denied"):
+        read(tmp_path / "file", "schema")
+
+
+def test_readers_find_the_folder_that_a_killed_writer_has_finished(tmp_path):
+    """Where a kill came between taking the old folder away and putting the new one there, a reader puts it there."""
+    with atomic_folder(tmp_path / ".out.finished") as out:
+        write_json(CONTENT, out / "m.json")
+    assert read_json(tmp_path / "out" / "m.json") == CONTENT
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("what", ["/dev/zero", "fifo", "folder", "absent"])
+def test_text_is_read_of_ordinary_files_only(what, tmp_path):
+    """Text comes back as UTF-8; a device, pipe, folder or nothing in its place is an error of the system, unopened."""
+    (tmp_path / "text").write_bytes("ü".encode())
+    assert read_text(tmp_path / "text") == "ü"
+    if what == "fifo":
+        os.mkfifo(tmp_path / "fifo")
+    elif what == "folder":
+        (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match=r"it is a folder, device, pipe or socket|No such file"):
+        read_text(tmp_path / what)

@@ -1,5 +1,6 @@
 """Work in shards keeps its order, continues where it was killed, and lets errors through."""
 
+import errno
 import os
 import time
 from functools import partial
@@ -12,9 +13,9 @@ import torch
 from threadpoolctl import threadpool_info
 
 from pipeline import parallel
-from pipeline.errors import ConfigError, ProblemError
-from pipeline.files import write_json, write_table
-from pipeline.parallel import run_shards, single_threaded
+from pipeline.errors import ArtifactError, ConfigError, ProblemError
+from pipeline.files import read_table, write_json, write_table
+from pipeline.parallel import run_shards, single_threaded, stamped, timed_shards
 
 NAMES = ("e", "a", "d", "b", "c")  # neither sorted nor in the order they finish
 
@@ -139,6 +140,21 @@ def test_number_of_processes(tmp_path, log, monkeypatch, workers, items, process
     assert asked == [min(items, len(os.sched_getaffinity(0))) if processes == "all" else processes]
 
 
+def test_a_full_disk_is_said(tmp_path, log, monkeypatch):
+    """A shard that cannot be written ends the run with its file's name; it is done again by the next one."""
+
+    def refuse(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pyarrow.parquet.write_table", refuse)
+        with pytest.raises(ArtifactError, match=r"shards/a\.parquet cannot be written: No space left on device$"):
+            run(tmp_path, log, [("a", 0)])
+    assert list((tmp_path / "shards").iterdir()) == []
+    run(tmp_path, log, [("a", 0)])
+    assert done(log) == [0, 0]
+
+
 def test_no_items_give_no_tables(tmp_path, log):
     """Nothing to do gives an empty list."""
     assert run(tmp_path, log, []) == []
@@ -162,3 +178,98 @@ def test_log_says_what_is_resumed(tmp_path, log, caplog):
     run(tmp_path, log, [("a", 0), ("b", 1)])
     assert "test: 1 of 2 shards are there from an earlier run" in caplog.text
     assert "test: 2 of 2 in" in caplog.text
+
+
+HERE = {"commit": "1234567", "cpu": "a processor", "packages": {"numpy": "2.0"}}
+
+
+def measure(tmp_path, log, items, provenance=HERE, workers=1, fail=False):
+    """Run timed shards; return their tables and what is said about where they are from."""
+    scratch = tmp_path / "scratch" / "key"
+    with timed_shards(partial(work, log, {}), items, scratch, workers, "test", provenance) as measured:
+        if fail:
+            raise OSError("the disk is full")
+    return measured.frames, measured.provenance
+
+
+ITEMS = [("a", 0), ("b", 1), ("bad", -1)]  # the third ends the run
+
+
+def killed(tmp_path, log, **settings) -> None:
+    """Leave the shards that a killed run leaves: two of three."""
+    with pytest.raises(ProblemError):
+        measure(tmp_path, log, ITEMS, **settings)
+    assert done(log) == [-1, 0, 1]
+
+
+def test_a_killed_measurement_goes_on(tmp_path, log):
+    """A run of equal commit, machine and versions takes the shards of one that was killed."""
+    killed(tmp_path, log)
+    frames, _ = measure(tmp_path, log, [*ITEMS[:2], ("c", 2)])
+    assert done(log) == [-1, 0, 1, 2]
+    assert [int(frame["item"][0]) for frame in frames] == [0, 1, 2]
+
+
+def test_a_measurement_that_could_not_be_written_goes_on(tmp_path, log):
+    """Where writing what was measured fails, the shards stay for the next run."""
+    with pytest.raises(OSError, match="the disk is full"):
+        measure(tmp_path, log, ITEMS[:2], fail=True)
+    measure(tmp_path, log, ITEMS[:2])
+    assert done(log) == [0, 1]
+
+
+def test_a_finished_measurement_is_made_anew(tmp_path, log):
+    """What was measured and written is measured again by the next run, and nothing of it stays in scratch."""
+    for times in (1, 2):
+        measure(tmp_path, log, ITEMS[:2])
+        assert done(log) == sorted([0, 1] * times)
+        assert list((tmp_path / "scratch").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"provenance": {**HERE, "commit": "7654321"}},
+        {"provenance": {**HERE, "cpu": "another processor"}},
+        {"provenance": {**HERE, "packages": {"numpy": "2.1"}}},
+        {"provenance": {**HERE, "cores": 2}},
+        {"workers": 2},  # beside each other they are slower
+    ],
+)
+def test_measurements_from_elsewhere_are_not_taken(tmp_path, log, settings):
+    """Shards of another commit, machine, version or number of workers are measured again."""
+    killed(tmp_path, log)
+    measure(tmp_path, log, ITEMS[:1], **settings)
+    assert done(log) == [-1, 0, 0, 1]
+
+
+@pytest.mark.parametrize("damage", ["of another commit", "missing", "foreign"])
+def test_measurements_that_do_not_say_where_they_are_from_are_not_taken(tmp_path, log, damage):
+    """Shards that lie where they belong, but do not say so themselves, or say something else, are measured again."""
+    killed(tmp_path, log)
+    (begun,) = (tmp_path / "scratch").glob("*/begun.json")
+    if damage == "missing":
+        begun.unlink()
+    else:
+        begun.write_text(begun.read_text().replace("1234567", "7654321") if damage == "of another commit" else "{}")
+    measure(tmp_path, log, ITEMS[:2])
+    assert done(log) == [-1, 0, 0, 1, 1]
+
+
+def test_a_measurement_says_when(tmp_path, log, monkeypatch):
+    """Provenance comes back whole, with when the first run began, though it was killed, and when the last one ended."""
+    times = iter(["Monday", "Tuesday", "Wednesday"])
+    monkeypatch.setattr(parallel, "now", lambda: next(times))
+    killed(tmp_path, log)
+    _, provenance = measure(tmp_path, log, ITEMS[:2])
+    assert provenance == {**HERE, "measured": "Monday to Tuesday"}
+
+
+def test_times_in_shards_that_stay_say_where_they_are_from(tmp_path, log):
+    """A stamped shard that a later run takes keeps the commit and machine of the run that measured it."""
+    for commit, items in (("old", [("a", 0)]), ("new", [("a", 0), ("b", 1)])):
+        here = partial(stamped, partial(work, log, {}), {"commit": commit, "machine": "m"})
+        frames = run_shards(here, items, tmp_path / "shards", 1, "test")
+    assert [frame["commit"].unique().tolist() for frame in frames] == [["old"], ["new"]]
+    assert {"machine", "measured"} <= set(read_table(tmp_path / "shards" / "a.parquet", "shard"))
+    assert done(log) == [0, 1]

@@ -97,6 +97,110 @@ def test_infinity_and_nan_are_numbers_by_name():
         convert({"radius": "many"}, Inner)
 
 
+@dataclass(frozen=True)
+class Positions:
+    """Types in which a value that is converted by its neighbour's type is told from one that is not."""
+
+    pair: tuple[str, float] = ("", 0.0)
+    nested: tuple[tuple[int, str], tuple[float, ...]] = ((0, ""), ())
+    rows: tuple[tuple[str, float, Inner], ...] = ()
+    either: int | str | tuple[float, float] = 0
+    number: float | int | None = None
+    made: Inner | Colour | None = None
+    counted: dict[int, tuple[str, Inner]] = field(default_factory=dict)
+    coloured: dict[Colour, list[float | str]] = field(default_factory=dict)
+    named: dict[str, float] = field(default_factory=dict)
+    none: tuple[()] = ()
+
+
+@pytest.mark.parametrize(
+    ("key", "plain", "expected"),
+    [
+        ("pair", ["a", 1], ("a", 1.0)),
+        ("nested", [[1, "b"], [2, 3]], ((1, "b"), (2.0, 3.0))),
+        ("rows", [["a", 1, {"radius": 2}], ["b", 3, {"radius": 4}]], (("a", 1.0, Inner(2.0)), ("b", 3.0, Inner(4.0)))),
+        ("either", 7, 7),
+        ("either", "7", "7"),
+        ("either", [1, 2], (1.0, 2.0)),
+        ("number", 7, 7),
+        ("number", 7.5, 7.5),
+        ("number", None, None),
+        ("made", {"radius": 1}, Inner(1.0)),
+        ("made", "blue", Colour.BLUE),
+        ("made", None, None),
+        ("counted", {3: ["a", {"radius": 1}]}, {3: ("a", Inner(1.0))}),
+        ("coloured", {"red": [1, "x"]}, {Colour.RED: [1.0, "x"]}),
+        ("named", {7: 1, "b": 2}, {"7": 1.0, "b": 2.0}),
+        ("none", [], ()),
+    ],
+)
+def test_every_position_has_its_own_type(key, plain, expected):
+    """Items of tuples, keys and values of mappings, and members of unions are converted each by its own type."""
+    found = getattr(convert({key: plain}, Positions), key)
+    assert found == expected and repr(found) == repr(expected)  # 1 == 1.0, but not in print
+
+
+@pytest.mark.parametrize(
+    ("key", "plain", "said"),
+    [
+        ("pair", [1, "a"], ("pair[0] is 1 (int)", "type str")),
+        ("pair", ["a", "b"], ("pair[1] is 'b' (str)", "type float")),
+        ("pair", ["a", 1, 2], ("pair has 3 items", "expected 2")),
+        ("nested", [[1, 2], [3]], ("nested[0][1] is 2 (int)", "type str")),
+        ("rows", [["a", 1, {"radius": "x"}]], ("rows[0][2].radius is 'x'",)),
+        ("either", 1.5, ("either is 1.5, which none of its types takes", "type int", "type str", "must be a list")),
+        ("either", [1, "x"], ("either[1] is 'x'",)),
+        ("made", {"radiu": 1}, ("unknown key 'radiu' in made", "choices: red, blue")),
+        ("counted", {"x": ["a", {"radius": 1}]}, ("a key of counted is 'x' (str)", "type int")),
+        ("counted", {3: [{"radius": 1}, "a"]}, ("counted.3[0] is {'radius': 1} (dict)", "type str")),
+        ("coloured", {"green": []}, ("a key of coloured is 'green'", "choices: red, blue")),
+        ("named", {True: 1.0}, ("a key of named is True (bool)", "type str")),
+        ("none", [1], ("none has 1 items", "expected 0")),
+    ],
+)
+def test_every_position_is_checked(key, plain, said):
+    """What does not fit is refused with its position and the type that belongs there."""
+    with refusal(*said):
+        convert({key: plain}, Positions)
+
+
+LONG = 10**399  # 400 digits
+
+
+@pytest.mark.parametrize("number", [LONG, -LONG, 2**63])
+@pytest.mark.parametrize(
+    ("key", "wrap"),
+    [
+        ("seed", lambda n: n),
+        ("margin", lambda n: n),
+        ("corner", lambda n: [0.0, n]),
+        ("sizes", lambda n: [n]),
+        ("parts", lambda n: {"one": {"radius": n}}),
+        ("anything", lambda n: n),
+        ("anything", lambda n: {"free": [1, {"form": n}]}),
+    ],
+)
+def test_numbers_beyond_64_bits_are_refused(number, key, wrap):
+    """A whole number that neither floats nor compiled code can hold is refused by its place, wherever it stands."""
+    with refusal(key, f"is a number of {len(str(abs(number)))} digits", "at most 64 bits"):
+        convert({**GOOD, key: wrap(number)}, Outer)
+
+
+def test_the_largest_numbers_pass():
+    """Both ends of what 64 bits hold pass."""
+    for seed in (-(2**63), 2**63 - 1):
+        assert convert({**GOOD, "seed": seed, "anything": [seed]}, Outer).seed == seed
+
+
+def test_free_data_that_hold_themselves_are_refused():
+    """A list that YAML's aliases put into itself is refused where any form goes; the same list twice is fine."""
+    inside, twice = [1], [2]
+    inside.append({"again": inside})
+    with refusal("anything[1].again holds itself"):
+        convert({**GOOD, "anything": inside}, Outer)
+    assert convert({**GOOD, "anything": [twice, twice]}, Outer).anything == [[2], [2]]
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

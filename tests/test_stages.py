@@ -1,7 +1,10 @@
 """Stages refuse bad input in one line and write nothing; what they write depends on the seeds alone."""
 
+import ctypes
 import json
 import os
+import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -107,11 +110,11 @@ def run() -> Run:
     server.wait()
 
 
-def started(stage: str, folder: Path, *more: str) -> subprocess.Popen:
-    """Start a tiny stage in a folder as a user does."""
+def started(stage: str, folder: Path, *more: str, before: Callable[[], object] | None = None) -> subprocess.Popen:
+    """Start a tiny stage in a folder as a user does; `before` is called in its process."""
     return subprocess.Popen(
         [sys.executable, *command(stage, *more)], cwd=folder, env=ENVIRONMENT, text=True, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, start_new_session=True,
+        stderr=subprocess.PIPE, start_new_session=True, preexec_fn=before,
     )  # fmt: skip
 
 
@@ -136,6 +139,13 @@ def files(folder: Path) -> dict[str, bytes]:
     }
 
 
+def only_line(done: Ended, status: int = 1) -> str:
+    """Return the one line on stderr with which a stage has ended."""
+    assert (done.status, done.stderr.count("\n")) == (status, 1) and done.stderr.endswith("\n"), done.stderr
+    assert "Traceback" not in done.stdout
+    return done.stderr
+
+
 def damage(folder: Path, how: str) -> None:
     """Damage one file as `how` says: '<what> <file below artifacts/tiny>'."""
     what, _, name = how.partition(" ")
@@ -146,6 +156,9 @@ def damage(folder: Path, how: str) -> None:
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     elif what == "foreign":
         pd.DataFrame({"x": [1.0]}).to_parquet(path)
+    elif what in ("device", "fifo"):
+        path.unlink()
+        path.symlink_to("/dev/zero") if what == "device" else os.mkfifo(path)
     elif what == "scribble":
         path.write_bytes(b"\x89PNG\r\n" + bytes(200))
     elif what == "unsolved":
@@ -177,6 +190,9 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("benchmark", f"{METHOD}.planner.kind=prm", ["ConfigError", ".planner is 'prm'; choices: fmt, rrt"]),
         ("benchmark", f"{METHOD}.sampler.kind=sobol", ["ConfigError: sampler is 'sobol'; choices: compnetx, uniform"]),
         ("scenes", "environment.parameters.blocks=-3", ["ConfigError: environment.blocks is -3; it must be"]),
+        ("scenes", f"workers={'9' * 400}", ["ConfigError: workers is a number of 400 digits", "at most 64 bits"]),
+        ("scenes", f"environment.parameters.slack={'9' * 400}", ["environment.parameters.slack is a number of 400"]),
+        ("scenes", "environment.parameters.slack=1e400", ["ConfigError: environment.slack is inf"]),
         ("scenes", "profile.scenes.test=-1", ["ConfigError: profile.scenes.test is -1; it must be above 0"]),
         ("scenes", "workers=-1", ["ConfigError: workers is -1; it must be at least 0"]),
         ("demonstrations", "shard=0", ["ConfigError: shard is 0; it must be at least 1"]),
@@ -196,6 +212,8 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("demonstrations", f"remove {PROBLEMS}", ["ArtifactError", PROBLEMS, MISSING]),
         ("demonstrations", f"truncate {PROBLEMS}", ["ArtifactError", PROBLEMS, "not a readable parquet", UNREADABLE]),
         ("demonstrations", f"foreign {PROBLEMS}", ["ArtifactError", PROBLEMS, "schema 'none', expected 'problems'"]),
+        ("demonstrations", f"device {PROBLEMS}", ["ArtifactError", PROBLEMS, MISSING]),
+        ("demonstrations", f"fifo {SCENES}", ["ArtifactError", SCENES, MISSING]),
         ("demonstrations", f"lengthen {PROBLEMS}", ["ArtifactError", PROBLEMS, "goal of row 0", "expected 3 finite"]),
         ("voxels", f"truncate {SCENES}", ["ArtifactError", SCENES, "not a readable parquet", UNREADABLE]),
         ("voxels", f"foreign {SCENES}", ["ArtifactError", SCENES, "holds schema 'none', expected 'scenes'"]),
@@ -205,11 +223,13 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("train", f"unsolved {PATHS}", ["ArtifactError: no validation scene has a solved demonstration"]),
         ("train", f"resize {VOXELS}", ["ConfigError: voxels have shape (4, 13, 13, 13)", "(S, 11, 11, 11)"]),
         ("benchmark", f"remove {MODEL}", ["ArtifactError", MODEL, "does not exist"]),
+        ("train", f"device {VOXELS}", ["ArtifactError", VOXELS, MISSING]),
+        ("benchmark", f"fifo {MODEL}", ["ArtifactError", MODEL, MISSING]),
         ("benchmark", f"truncate {MODEL}", ["ArtifactError", MODEL, "truncated or foreign"]),
         ("benchmark", f"scribble {MODEL}", ["ArtifactError", MODEL, "truncated or foreign"]),
         ("benchmark", f"resize {VOXELS}", ["ArtifactError: voxels of scene", "are (13, 13, 13)", "(11, 11, 11)"]),
         ("choices", f"remove {MODEL}", ["ArtifactError", MODEL, "does not exist"]),
-        ("report", "", ["ArtifactError", "benchmark/sphere/trials.parquet", MISSING]),
+        ("report", "", ["ArtifactError", "benchmark/sphere/samples.npz", MISSING]),
     ],
 )  # fmt: skip
 def test_bad_input_ends_in_one_line(run, chain, tmp_path, stage, broken, said):
@@ -219,11 +239,8 @@ def test_bad_input_ends_in_one_line(run, chain, tmp_path, stage, broken, said):
     if on_disk:
         damage(tmp_path, broken)
     before = files(tmp_path)
-    done = run(stage, tmp_path, *([] if on_disk or not broken else [broken]))
-    assert done.status == 1, done.stderr
-    assert done.stderr.endswith("\n") and done.stderr.count("\n") == 1, done.stderr
-    assert [words for words in said if words not in done.stderr] == []
-    assert "Traceback" not in done.stdout
+    line = only_line(run(stage, tmp_path, *([] if on_disk or not broken else [broken])))
+    assert [words for words in said if words not in line] == []
     assert files(tmp_path) == before
 
 
@@ -373,3 +390,145 @@ def test_a_sweep_ends_in_a_table(chain, tmp_path):
     (table,) = (tmp_path / "multirun").rglob("table.csv")
     found = pd.read_csv(table)
     assert sorted(found["method.planner.parameters.samples"]) == [20, 30] and list(found["n"]) == [2, 2]
+
+
+def obey_permissions() -> None:
+    """Make the superuser obey them too, from the next program on."""
+    bounding_set_drop, dac_override = 24, 1  # linux/prctl.h, linux/capability.h
+    ctypes.CDLL(None).prctl(bounding_set_drop, dac_override, 0, 0, 0)
+
+
+def test_artifacts_that_cannot_be_written(tmp_path):
+    """Where the folder of artifacts is read-only a stage says so before it works on anything."""
+    (tmp_path / "artifacts").mkdir(mode=0o555)
+    line = only_line(ended(started("scenes", tmp_path, before=obey_permissions)))
+    assert line == "ArtifactError: artifacts/tiny/scenes/sphere cannot be written: Permission denied\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["artifacts"]
+
+
+@pytest.mark.parametrize(("stage", "bytes_per_file"), [("scenes", 4_000), ("demonstrations", 2_000), ("train", 50_000)])
+def test_no_space(chain, tmp_path, stage, bytes_per_file):
+    """Where the system takes no more bytes a stage says for which file, and what it wrote before stays as it was."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    before = files(tmp_path)
+    limit = (resource.RLIMIT_FSIZE, (bytes_per_file, bytes_per_file))
+    line = only_line(ended(started(stage, tmp_path, before=lambda: resource.setrlimit(*limit))))
+    assert line.startswith("ArtifactError: ") and line.endswith(" cannot be written: File too large\n"), line
+    assert files(tmp_path) == before
+    left = [path.name for path in tmp_path.rglob("*") if path.name.endswith((".partial", ".lock"))]
+    assert left == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupted_by_ctrl_c(chain, tmp_path, workers):
+    """Ctrl-C, which the terminal sends to all processes, ends a stage with status 130 and one line; it then goes on."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    before = files(tmp_path)
+    slow = ["oracle.shortcuts=400", f"workers={workers}"]
+    process = started("demonstrations", tmp_path, *slow)
+    end = time.monotonic() + 120
+    while len(shards(tmp_path)) < 2 and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGINT)
+    assert only_line(ended(process), 130) == "interrupted; nothing is half-written\n"
+    assert files(tmp_path) == before
+    assert [path.name for path in tmp_path.rglob("*") if path.name.endswith((".partial", ".lock"))] == []
+    finished = len(shards(tmp_path))
+    again = ended(started("demonstrations", tmp_path, *slow[:1]))
+    assert (again.status, again.stderr) == (0, "")
+    assert f"{finished} of 20 shards are there from an earlier run" in again.stdout
+
+
+def test_a_full_place_for_output(tmp_path):
+    """Where what a script prints finds no place, that is one line too, and what it wrote is there."""
+    asked = [f"problem={ROOT / 'examples' / 'line_sawyer.yaml'}", "output=out", "picture=false"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, str(ROOT / "stages" / "plan.py"), *asked], cwd=tmp_path, env=ENVIRONMENT, text=True,
+            stdout=full, stderr=subprocess.PIPE,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, "OSError: [Errno 28] No space left on device\n")
+    assert (tmp_path / "out" / "path.csv").is_file()
+
+
+def test_metrics_without_a_solution_are_json(run, chain, tmp_path):
+    """Where nothing is solved there is no median, and the metrics are JSON all the same."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    no_way = ["oracle.planner.parameters.range=0.001", "+oracle.planner.parameters.direct=false"]
+    done = run("demonstrations", tmp_path, "oracle.max_iterations=1", *no_way)
+    assert done.status == 0, done.stderr
+    text = (tmp_path / "artifacts/tiny/demonstrations/sphere/metrics.json").read_text()
+    assert json.loads(text, parse_constant=lambda word: pytest.fail(word))["median_length"] is None
+
+
+def test_times_say_where_they_are_from(chain):
+    """Every time of a demonstration stands beside the commit, the machine, the packages and the hour it belongs to."""
+    folder = chain / "artifacts/tiny/demonstrations/sphere"
+    timing = read_table(folder / "timing.parquet", "timing")
+    assert (timing["planning_time"] > 0).all()
+    for column in ("commit", "machine", "packages", "measured"):
+        assert (timing[column].str.len() > 5).all()
+        assert column not in read_table(folder / "paths.parquet", "paths")
+
+
+def test_measurements_are_made_anew(run, chain, tmp_path):
+    """A benchmark says when it was measured, leaves no shard behind, and repeated it measures again."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    assert run("scenes", tmp_path, "profile.scenes.test_pairs=4").status == 0
+    times = []
+    for _ in range(2):
+        done = run("benchmark", tmp_path, *ONE_METHOD)
+        assert (done.status, done.stderr) == (0, "")
+        folder = tmp_path / "artifacts/tiny/benchmark/sphere"
+        assert re.fullmatch(
+            r"\S+ \S+ UTC to \S+ \S+ UTC", json.loads((folder / "hardware.json").read_text())["measured"]
+        )
+        assert list((tmp_path / "scratch" / "benchmark").iterdir()) == []
+        times.append(read_table(folder / "trials.parquet", "trials")["planning_time"].tolist())
+    assert times[0] != times[1]
+
+
+def test_an_environment_that_cannot_be_drawn(run, chain, tmp_path):
+    """The report of an environment whose configurations are no points in space ends in one line that says so."""
+    write_arrays({"blocks/start": np.zeros(7)}, tmp_path / "artifacts/tiny/benchmark/sphere/samples.npz", "samples")
+    before = files(tmp_path)
+    line = only_line(run("report", tmp_path))
+    assert line.startswith(
+        "ConfigError: environment 'sphere' has configurations of 7 variables; the report draws those"
+    )
+    assert files(tmp_path) == before
+
+
+@pytest.fixture
+def copy(tmp_path) -> Path:
+    """The sources in a folder of their own, to be edited."""
+    for name in ("pipeline", "stages", "conf"):
+        shutil.copytree(ROOT / name, tmp_path / "sources" / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path / "sources"
+
+
+def edited(path: Path, old: str, new: str) -> None:
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+
+
+def test_an_edit_drops_shards_only_where_it_can_matter(copy, chain, tmp_path):
+    """Shards outlive edits of comments and docstrings, in modules and in the stage's own file; others drop them."""
+    shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
+    place = {**ENVIRONMENT, "PYTHONPATH": str(copy)}
+
+    def demonstrate() -> str:
+        script, *settings = command("demonstrations", "shard=10")
+        done = subprocess.run(
+            [sys.executable, str(copy / "stages" / Path(script).name), *settings], cwd=tmp_path, env=place, text=True,
+            capture_output=True, check=True,
+        )  # fmt: skip
+        return done.stdout
+
+    stage, planner = copy / "stages" / "demonstrations.py", copy / "pipeline" / "planners" / "rrtconnect.py"
+    assert "shards are there" not in demonstrate()
+    edited(stage, "@hydra.main", "# What follows is what Hydra calls.\n@hydra.main")
+    edited(planner, '"""', '"""In other words: ')
+    assert "2 of 2 shards are there from an earlier run" in demonstrate()
+    edited(stage, "Split.TEST.value", "str(Split.TEST.value)")
+    assert "shards are there" not in demonstrate()

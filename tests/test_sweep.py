@@ -3,6 +3,9 @@
 import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra._internal.hydra import Hydra
+from hydra._internal.utils import create_config_search_path
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import JobReturn
 from hydra.types import RunMode
@@ -11,7 +14,7 @@ from omegaconf import OmegaConf, open_dict
 from pipeline.config import ROOT
 from pipeline.errors import ArtifactError
 from pipeline.files import read_json, write_json
-from pipeline.sweep import ROW, SweepTable, keep_row
+from pipeline.sweep import ROW, OwnFolders, SweepTable, keep_row
 
 OVERRIDES = ["profile=standard", "method.planner.parameters.samples=200", "model.network.hidden=[8,8]", "~threads"]
 
@@ -122,10 +125,58 @@ def test_single_run_keeps_no_row(tmp_path, job):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_tune_has_the_table_and_stages_do_not():
-    """Hydra calls the table at the end of a sweep of `stages/tune.py`; the pipeline's stages have no callback."""
-    for stage, callbacks in (("tune", {"table": {"_target_": "pipeline.sweep.SweepTable"}}), ("train", {})):
-        with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-            config = compose(stage, return_hydra_config=True)
-        assert OmegaConf.to_container(config.hydra.callbacks) == callbacks
-    assert SweepTable().on_job_end(OmegaConf.create(), JobReturn()) is None
+STAGES = sorted(path.stem for path in (ROOT / "stages").glob("*.py"))
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_sweep_is_looked_at(stage):
+    """Hydra calls the table at the end of a sweep of `stages/tune.py`, and every script's sweeps are checked before."""
+    callback = {"table": "SweepTable"} if stage == "tune" else {"folders": "OwnFolders"}
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        config = compose(stage, return_hydra_config=True)
+    expected = {key: {"_target_": f"pipeline.sweep.{name}"} for key, name in callback.items()}
+    assert OmegaConf.to_container(config.hydra.callbacks) == expected
+    for made in (SweepTable(), OwnFolders()):
+        assert made.on_job_end(OmegaConf.create(), JobReturn()) is None
+
+
+@pytest.mark.parametrize(
+    ("stage", "overrides", "jobs"),
+    [
+        ("plan", ["output=out/x", "+changes.seed=1,2"], (0, 1)),
+        ("plan", ["output=out/x,out/y,out/../out/x"], (0, 2)),
+        ("plan", ["problem=a.yaml,b.yaml", "output=out/x,out/y"], (0, 2)),
+        ("plan", ["output=out/${hydra:job.num}", "+changes.seed=1,2"], None),
+        ("plan", ["output=out/x,out/y"], None),
+        ("scenes", ["environment.parameters.seed=1,2"], (0, 1)),
+        ("scenes", ["profile=quick,standard"], None),
+        ("scenes", ["profile=quick,standard", "environment.parameters.seed=1,2"], (0, 1)),
+        ("train", ["seed=choice(1,2)", "profile.name=a,b"], (0, 2)),
+        ("report", ["profile=quick,standard"], (0, 1)),
+        ("report", ["profile=quick,standard", "output=out/${profile.name}"], None),
+        ("bench", ["contest.seed=1,2"], None),  # prints only
+        ("bench", ["contest.seed=1,2", "output=page.md"], (0, 1)),
+        ("tune", ["seed=1,2"], None),
+        ("tune", ["seed=1,2", "hydra.sweep.subdir=x"], (0, 1)),
+        ("scenes", ["workers=1"], None),
+    ],
+)
+def test_no_two_jobs_write_the_same_place(stage, overrides, jobs, monkeypatch, tmp_path, capsys):
+    """A sweep of which two jobs would write one folder or page ends before the first, naming both; others begin."""
+    begun = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(HydraConfig.instance(), "cfg", None)
+    GlobalHydra.instance().clear()
+    hydra = Hydra.create_main_hydra2("test", create_config_search_path(str(ROOT / "conf")))
+    try:
+        if jobs is None:
+            hydra.multirun(stage, begun.append, overrides)
+            assert begun
+            return
+        with pytest.raises(SystemExit, match="1"):
+            hydra.multirun(stage, begun.append, overrides)
+    finally:
+        GlobalHydra.instance().clear()
+    said = capsys.readouterr().err
+    assert said.startswith(f"ConfigError: jobs {jobs[0]} and {jobs[1]} of this sweep would write the same place (")
+    assert said.count("\n") == 1 and begun == [] and list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ from typing import Any
 
 from pipeline.constraints.native import find_compiler
 from pipeline.learning.inference import fastest_products
+from pipeline.machine import described, processor
 from pipeline.provenance import commit, versions
 
 _PEERS = ("roboplan",)  # named where they are installed
@@ -19,11 +20,11 @@ def hardware() -> dict[str, Any]:
     packages = versions((*PACKAGES, *_PEERS))
     return {
         "commit": commit() or "unknown",
-        "cpu": _first(Path("/proc/cpuinfo"), "model name") or platform.processor() or "unknown",
+        "cpu": processor(),
         "cores": len(os.sched_getaffinity(0)),
         "networks": f"multiply batches in {fastest_products().value}",
         "compiler": _compiler(),
-        "memory": _first(Path("/proc/meminfo"), "MemTotal") or "unknown",
+        "memory": described(Path("/proc/meminfo"), "MemTotal") or "unknown",
         "platform": platform.platform(),
         "python": packages.pop("python"),
         "packages": packages,
@@ -37,13 +38,3 @@ def _compiler() -> str:
         return "none: CasADi evaluates all functions itself"
     said = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout
     return said.splitlines()[0] if said else compiler
-
-
-def _first(path: Path, key: str) -> str | None:
-    """Return the value of the first line of `path` that begins with `key`; None where there is none."""
-    if not path.is_file():
-        return None
-    for line in path.read_text().splitlines():
-        if line.startswith(key):
-            return line.split(":", 1)[1].strip()
-    return None

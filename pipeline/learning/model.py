@@ -1,6 +1,8 @@
 """A trained model: sizes, normalisation and weights in one open file that is read without running code from it."""
 
 import io
+import pickle
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -9,8 +11,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from pipeline.atomic import atomic_file
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.files import VERSION, atomic_file
+from pipeline.files import VERSION, require_file
 from pipeline.learning.networks import Compnetx, NetworkParameters
 
 SCHEMA = "compnetx-model"
@@ -116,12 +119,7 @@ def load_model(path: Path) -> Model:
         ArtifactError: the file is missing, truncated, foreign, of another version, or its weights do not fit or are not
             finite.
     """
-    if not Path(path).is_file():
-        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
-    try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # torch, zipfile and pickle raise half a dozen kinds here; all mean the same to a reader
-        raise ArtifactError(f"{path} is not a readable model (truncated or foreign): {error}") from error
+    content = read_tensors(path)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         found = content.get("schema") if isinstance(content, dict) else None
         raise ArtifactError(f"{path} holds schema {found or 'none'!r}, expected {SCHEMA!r}")
@@ -137,6 +135,24 @@ def load_model(path: Path) -> Model:
         if not torch.isfinite(weights).all():
             raise ArtifactError(f"{path}: weights {name!r} are not all finite; train again")
     return model
+
+
+def read_tensors(path: Path) -> Any:
+    """Return what `torch.save` wrote of tensors, numbers, text and collections of these, on the CPU.
+
+    Raises:
+        ArtifactError: the file is missing, truncated or foreign, or holds anything else: that would take running code
+            from the file, which is never done, whatever torch advises.
+    """
+    require_file(path)
+    try:
+        with warnings.catch_warnings(action="ignore"):  # torch's guesses at what a foreign file may be
+            return torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError as error:
+        reason = "it holds something else than tensors, numbers and text, or nothing that is read without running code"
+        raise ArtifactError(f"{path} is not a readable model (truncated or foreign): {reason}") from error
+    except Exception as error:  # torch and zipfile raise half a dozen kinds here; all mean the same to a reader
+        raise ArtifactError(f"{path} is not a readable model (truncated or foreign): train again") from error
 
 
 def _read(kind: type, content: dict[str, Any]) -> Any:

@@ -11,8 +11,8 @@ import torch
 from lightning.pytorch.callbacks import Callback
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 
+from pipeline.atomic import atomic_file
 from pipeline.errors import ConfigError
-from pipeline.files import atomic_file
 from pipeline.learning.batches import Batch
 from pipeline.learning.networks import Compnetx
 

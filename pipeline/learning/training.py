@@ -4,13 +4,14 @@ What is random in an epoch follows from (seed, epoch), so that a killed run, con
 ends with the weights of an unbroken one.
 """
 
-import hashlib
+import io
 import logging
+import signal
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,14 @@ import pandas as pd
 import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, RichProgressBar
 from lightning.pytorch.plugins.io import TorchCheckpointIO
+from lightning.pytorch.trainer.states import TrainerStatus
 from lightning.pytorch.utilities.exceptions import SIGTERMException
 
+from pipeline.atomic import atomic_file, exclusive
 from pipeline.errors import ArtifactError, require
-from pipeline.files import VERSION, atomic_file, digest, exclusive
+from pipeline.keys import code_digest, digest
 from pipeline.learning.batches import Batches, TrainingData
-from pipeline.learning.model import Model, Normalisation, network_from
+from pipeline.learning.model import Model, Normalisation, network_from, read_tensors
 from pipeline.learning.module import CompnetxModule, Curves, Lines
 from pipeline.learning.networks import Compnetx, NetworkParameters
 from pipeline.learning.pairs import Pairs
@@ -102,12 +105,13 @@ def train(
         normalisation: of configurations.
         data: pairs and voxel grids.
         scratch: kept between calls; holds `best.ckpt`, `last.ckpt` and `curves.csv` of each run, in a folder named by
-            the hash of all other arguments, so that a run never continues another one.
+            the hash of all other arguments, this code and the packages, so that a run never continues another one.
 
     Raises:
         ConfigError: data that does not fit the network, or a training that diverged.
         ArtifactError: the run's folder was moved or edited in between.
         SystemExit: SIGTERM ended it; what is finished stays in the folder.
+        KeyboardInterrupt: likewise.
     """
     data.check(network, normalisation)
     folder = Path(scratch).resolve() / _key(parameters, network, normalisation, data)
@@ -128,6 +132,11 @@ def train(
             done = f"train: ended by SIGTERM after {len(curves.rows)} of {parameters.epochs} epochs"
             print(f"{done}; repeating the command continues there", file=sys.stderr)
             raise SystemExit(_TERMINATED) from None
+        except SystemExit:  # what Lightning makes of Ctrl-C, which it ignores from then on
+            if trainer.state.status is not TrainerStatus.INTERRUPTED:
+                raise
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            raise KeyboardInterrupt from None
     frame = curves.frame()
     best = frame.iloc[int(frame["val_loss"].argmin())]
     model = Model(network, normalisation, _best(folder / "best.ckpt", network, int(best["epoch"])))
@@ -183,8 +192,10 @@ class _WholeFiles(TorchCheckpointIO):
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:
         """Write a checkpoint."""
+        stream = io.BytesIO()  # to a full disk torch itself would write with an error that does not say so
+        torch.save(checkpoint, stream)
         with atomic_file(Path(path)) as temporary:
-            torch.save(checkpoint, temporary)
+            temporary.write_bytes(stream.getbuffer())
 
 
 def _checkpoint(folder: Path) -> Path | None:
@@ -195,11 +206,11 @@ def _checkpoint(folder: Path) -> Path | None:
     path = last
     try:
         for path, part in ((last, "optimizer_states"), (best, "state_dict")):
-            torch.load(path, map_location="cpu", weights_only=True)[part]
+            read_tensors(path)[part]
         path = curves
         path.stat()
-    except Exception as error:  # zipfile, pickle and torch raise half a dozen kinds
-        log.warning("%s cannot be read (%s): training begins again", path, type(error).__name__)
+    except (ArtifactError, LookupError, TypeError, OSError):  # LookupError, TypeError: of torch's, but no checkpoint
+        log.warning("%s cannot be read: training begins again", path)
         for file in files:  # last.ckpt first: without it a run begins, whatever else is left
             file.unlink(missing_ok=True)
         return None
@@ -208,7 +219,7 @@ def _checkpoint(folder: Path) -> Path | None:
 
 def _best(path: Path, parameters: NetworkParameters, epoch: int) -> Compnetx:
     """Read the weights of the best epoch; Lightning forgets which was best when the folder has moved."""
-    stored = torch.load(path, map_location="cpu", weights_only=True)
+    stored = read_tensors(path)
     if stored["epoch"] != epoch:
         raise ArtifactError(f"{path} is of epoch {stored['epoch']}, the best was {epoch}: delete its folder")
     return network_from(parameters, {name.removeprefix("network."): w for name, w in stored["state_dict"].items()})
@@ -220,8 +231,7 @@ def _key(
     arrays = [data.voxels]
     for pairs in (data.train, data.validation):
         arrays += [getattr(pairs, field.name) for field in fields(Pairs)]
-    hashes = [hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() for array in arrays]
-    return digest(VERSION, asdict(parameters), asdict(network), asdict(normalisation), hashes)
+    return digest(parameters, network, normalisation, arrays, code_digest(Path(__file__)))
 
 
 @contextmanager

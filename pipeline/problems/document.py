@@ -9,6 +9,7 @@ from typing import Any, get_args, get_type_hints
 import yaml
 
 from pipeline.errors import ConfigError, ProblemError, unknown
+from pipeline.files import read_text
 
 _INTEGER = re.compile(r"[-+]?[0-9]+$")
 _FLOAT = re.compile(
@@ -58,7 +59,7 @@ def read_yaml(path: Path) -> Any:
         ProblemError: the file is missing or no YAML, or has a key twice or one that is no word, with the line.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), _Loader)
+        return yaml.load(read_text(path), _Loader)
     except OSError as error:
         raise ProblemError(f"problem file {path} cannot be read: {error.strerror}") from None
     except ProblemError as error:

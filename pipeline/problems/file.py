@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import ConfigError, ProblemError, require, unknown
+from pipeline.files import check_ordinary
 from pipeline.problems.document import merged, read_yaml
 from pipeline.problems.parts import PARTS, Part
 from pipeline.problems.region import Region, is_number
@@ -299,6 +300,7 @@ def _content(name: str, group: str) -> Any:
 
 def _points(path: Path) -> np.ndarray:
     try:
+        check_ordinary(path)
         with warnings.catch_warnings(action="ignore"):  # numpy's of an empty file: the error below says it
             stored = (
                 np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)

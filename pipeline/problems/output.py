@@ -8,8 +8,9 @@ from typing import Any
 
 import pandas as pd
 
+from pipeline.atomic import atomic_folder
 from pipeline.errors import ConfigError
-from pipeline.files import atomic_folder, write_json
+from pipeline.files import write_json
 from pipeline.problems.file import choice
 from pipeline.problems.resolved import documents
 from pipeline.problems.solve import Solution

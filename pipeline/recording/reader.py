@@ -37,7 +37,8 @@ class StoredRecording:
         times: of the states (T,) [s], rounded to 1 ns.
         topics: topic -> number of messages.
         obstacle_count: obstacles in the scene.
-        counters, metadata, versions, attachments: as written; JSON knows no tuples, they come back as lists.
+        counters, metadata, versions, attachments: as written; JSON knows no tuples, they come back as lists,
+            and no infinities, they come back as None.
         files: further attachments, byte for byte.
     """
 
@@ -49,7 +50,7 @@ class StoredRecording:
     times: np.ndarray
     topics: dict[str, int]
     obstacle_count: int
-    counters: dict[str, float | int | str]
+    counters: dict[str, float | int | str | None]
     metadata: dict[str, str]
     versions: dict[str, str]
     attachments: dict[str, Any]

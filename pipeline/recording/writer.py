@@ -15,7 +15,8 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from pipeline.files import VERSION, atomic_file
+from pipeline.atomic import atomic_file
+from pipeline.files import VERSION, finite
 from pipeline.recording.clouds import body_clouds, obstacle_cloud
 from pipeline.recording.content import JSON, Recording, attachment_text, nanoseconds
 from pipeline.recording.messages import (
@@ -118,5 +119,5 @@ class _Channels:
 
 
 def _json(value: Any) -> str:
-    """Text that gives the value back with its type; numpy's numbers become Python's, infinity stays infinity."""
-    return json.dumps(value.item() if isinstance(value, np.generic) else value)
+    """Text that gives the value back with its type; numpy's numbers become Python's, what is not finite null."""
+    return json.dumps(finite(value.item() if isinstance(value, np.generic) else value), allow_nan=False)

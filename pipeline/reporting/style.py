@@ -9,8 +9,8 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from pipeline.atomic import atomic_file
 from pipeline.errors import ConfigError
-from pipeline.files import atomic_file
 
 # The paper's colours for three methods (Fig. 7), in shades that differ in lightness too; the fourth is Okabe and Ito's.
 COLORS = {"CoMPNetX-FMT*": "#C8102E", "FMT*": "#EDB700", "RRTConnect": "#0B4FA3", "CoMPNetX-RRTConnect": "#56B4E9"}

@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.errors import RobotError, unknown
+from pipeline.errors import RobotError, shown, unknown
+from pipeline.robots.xml import check_mesh, read_xml
 
 SHARE = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "share"  # where example-robot-data keeps its robots
 OWN = Path(__file__).parent / "descriptions"  # package://descriptions: the robots written here
@@ -18,6 +19,17 @@ VIRTUAL = ("x", "y", "z", "yaw", "pitch", "roll")  # of a floating base, in this
 _DIRECTIONS = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")
 _SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {}}
 _TRIPLES = ("xyz", "rpy", "scale")
+# Of links from the root on. Pinocchio and urdfdom call themselves for each: with the usual stack they crash the
+# interpreter somewhere between 2000 and 5000.
+_LONGEST = 500
+# Of what urdfdom reads besides; where these are no numbers it leaves the element out and says so on the console only.
+_NUMERIC = {
+    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+    "mimic": ("multiplier", "offset"),
+    "dynamics": ("damping", "friction"),
+    "calibration": ("rising", "falling"),
+    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
+}
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
@@ -114,10 +126,21 @@ def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element
             if link in seen:
                 raise RobotError(f"the joints of {path} form a loop through link {link!r}")
             seen.add(link)
+            if len(seen) > _LONGEST:
+                raise RobotError(
+                    f"{path} has more than {_LONGEST} links one after the other; at most {_LONGEST} are read"
+                )
     for element in root.iter():
         for key in (*_TRIPLES, "size", "radius", "length"):
             if key in element.attrib and len(numbers(element, key, path)) != 3 and key in _TRIPLES:
-                raise RobotError(f"{path} has {key}={element.get(key)!r} in a <{element.tag}>; it must be 3 numbers")
+                raise RobotError(
+                    f"{path} has {key}={shown(element.get(key))} in a <{element.tag}>; it must be 3 numbers"
+                )
+        for key in _NUMERIC.get(element.tag, ()):
+            if key in element.attrib and len(numbers(element, key, path)) != 1:
+                raise RobotError(
+                    f"{path} has {key}={shown(element.get(key))} in a <{element.tag}>; it must be a number"
+                )
     for link, element in links.items():
         for collision in element.findall("collision"):
             shapes = list(collision.findall("geometry/*"))
@@ -133,7 +156,9 @@ def read_urdf(path: Path, package_dirs: Sequence[str | Path] = ()) -> ET.Element
     for mesh in root.iterfind("./link/collision/geometry/mesh"):
         if "filename" not in mesh.attrib:
             raise RobotError(f"a <mesh> of {path} has no filename")
-        mesh.set("filename", str(resolve(mesh.attrib["filename"], package_dirs, path.parent)))
+        file = resolve(mesh.attrib["filename"], package_dirs, path.parent)
+        check_mesh(file)
+        mesh.set("filename", str(file))
     return root
 
 
@@ -247,12 +272,7 @@ def read_srdf(path: Path) -> Semantics:
 
 
 def _parse(path: Path, what: str) -> ET.Element:
-    try:
-        root = ET.fromstring(path.read_bytes())
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise RobotError(f"{path} is not XML: {error}") from None
-    except OSError as error:
-        raise RobotError(f"{path} cannot be read: {error.strerror}") from None
+    root = read_xml(path)
     if root.tag != "robot":
         raise RobotError(f"{path} is no {what}: its outermost element is <{root.tag}>, not <robot>")
     return root
@@ -317,7 +337,7 @@ def numbers(element: ET.Element, key: str, path: Path) -> list[float]:
     except ValueError:
         values = []
     if not values or not all(math.isfinite(value) for value in values):
-        raise RobotError(f"{path} has {key}={text!r} in a <{element.tag}>; it must be finite numbers")
+        raise RobotError(f"{path} has {key}={shown(text)} in a <{element.tag}>; it must be finite numbers")
     return values
 
 

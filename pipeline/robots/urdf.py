@@ -22,6 +22,7 @@ from pipeline.robots.description import (
 from pipeline.robots.mimic import Follower, followed, leaders, take_followers
 from pipeline.robots.model import Robot
 from pipeline.robots.order import in_order
+from pipeline.robots.semantics import check_semantics
 
 _SLACK = 1e-6  # a named state may be rounded a little past a limit [rad or m]
 
@@ -79,7 +80,11 @@ class UrdfRobot:
         """
         path = resolve(self.urdf, self.package_dirs)
         root = read_urdf(path, self.package_dirs)
-        semantics = read_srdf(resolve(self.srdf, self.package_dirs)) if self.srdf else Semantics()
+        semantics = Semantics()
+        if self.srdf:
+            srdf = resolve(self.srdf, self.package_dirs)
+            semantics = read_srdf(srdf)
+            check_semantics(semantics, srdf, root, self.state)
         for joint, movable in self.movable.items():
             make_movable(root, joint, movable)
         links = [str(link.get("name")) for link in root.findall("link")]

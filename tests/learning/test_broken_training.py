@@ -13,7 +13,7 @@ from pipeline.learning import module
 from pipeline.learning.module import Lines
 
 # The stage as the command line runs it, on small data instead of the files of earlier stages.
-STAGE = KILLED.replace("SIGKILL", "SIGTERM").replace(
+STAGE = KILLED.replace(
     'run(make_data(), Path("broken"))',
     f"""
 import runpy, sys
@@ -86,7 +86,7 @@ def test_nothing_of_a_damaged_run_stays(data, tmp_path, monkeypatch):
 
 def test_stage_ended_by_sigterm(data, whole, tmp_path):
     """SIGTERM ends the stage with status 143 and one line on stderr, publishes nothing, and a repeat goes on there."""
-    ended = process(STAGE, tmp_path)
+    ended = process(STAGE.replace("SIGKILL", "SIGTERM"), tmp_path)
     assert ended.returncode == 143, ended.stderr
     (line,) = [line for line in ended.stderr.splitlines() if "SIGTERM" in line]
     assert (
@@ -94,6 +94,16 @@ def test_stage_ended_by_sigterm(data, whole, tmp_path):
     )
     assert "Traceback" not in ended.stderr
     assert not (tmp_path / "artifacts").exists()
+    assert stored(run(data, tmp_path / "broken"), tmp_path / "model.pt") == whole
+
+
+def test_stage_ended_by_ctrl_c(data, whole, tmp_path):
+    """Ctrl-C ends the stage with status 130 and one line on stderr, publishes nothing, and a repeat goes on there."""
+    ended = process(STAGE.replace("SIGKILL", "SIGINT"), tmp_path)
+    assert (ended.returncode, ended.stderr) == (130, "interrupted; nothing is half-written\n")
+    assert not (tmp_path / "artifacts").exists()
+    (folder,) = folders(tmp_path / "broken")
+    assert len((folder / "curves.csv").read_text().splitlines()) == 4
     assert stored(run(data, tmp_path / "broken"), tmp_path / "model.pt") == whole
 
 

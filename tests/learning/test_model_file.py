@@ -1,5 +1,8 @@
 """The model file: what goes in comes out, and nothing else is let in."""
 
+import os
+import pickle
+import warnings
 import zipfile
 from dataclasses import replace
 
@@ -108,3 +111,66 @@ def test_no_code(tmp_path, capsys):
     with pytest.raises(ArtifactError, match="truncated or foreign"):
         load_model(tmp_path / "model.pt")
     assert "code from a file" not in capsys.readouterr().out
+
+
+def pickled(path) -> None:
+    path.write_bytes(pickle.dumps({"schema": SCHEMA, "network": Trojan()}))
+
+
+def pickled_by_torch(path) -> None:
+    torch.save({"schema": SCHEMA, "network": Trojan()}, path)
+
+
+def pickled_by_torch_of_old(path) -> None:
+    torch.save({"schema": SCHEMA, "network": Trojan()}, path, _use_new_zipfile_serialization=False)
+
+
+def a_whole_module(path) -> None:
+    torch.save(torch.nn.Linear(2, 2), path)
+
+
+class Doubled(torch.nn.Module):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return 2 * x
+
+
+def a_program(path) -> None:
+    with warnings.catch_warnings(action="ignore"):
+        torch.jit.script(Doubled()).save(str(path))
+
+
+def cut(path) -> None:
+    torch.save({"schema": SCHEMA, "weights": torch.zeros(1000)}, path)
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def text(path) -> None:
+    path.write_text("not a model")
+
+
+@pytest.mark.parametrize(
+    "write", [pickled, pickled_by_torch, pickled_by_torch_of_old, a_whole_module, a_program, cut, text]
+)
+def test_the_refusal_is_ours(write, tmp_path, capfd, recwarn):
+    """Whatever the file is, the error is one line of ours: nothing of torch's advice to load it unsafely is passed on.
+
+    No code of the file runs, and torch prints and warns of nothing.
+    """
+    write(tmp_path / "model.pt")
+    said = r"\A[^\n]*model\.pt is not a readable model \(truncated or foreign\)[^\n]*\Z"
+    with pytest.raises(ArtifactError, match=said) as caught:
+        load_model(tmp_path / "model.pt")
+    for word in ("weights_only", "PyTorch", "trust", "Re-running", "arbitrary", "\x1b"):
+        assert word not in str(caught.value)
+    assert capfd.readouterr() == ("", "") and not recwarn.list
+
+
+@pytest.mark.parametrize("what", ["/dev/zero", "fifo"])
+def test_what_is_no_ordinary_file_is_not_read(what, tmp_path):
+    """A device or a pipe in the place of a model is refused at once: reading it might never end."""
+    if what == "fifo":
+        os.mkfifo(tmp_path / "model.pt")
+    else:
+        (tmp_path / "model.pt").symlink_to(what)
+    with pytest.raises(ArtifactError, match=r"model\.pt does not exist"):
+        load_model(tmp_path / "model.pt")

@@ -1,7 +1,9 @@
 """Training: repeatable to the byte, resumable after a kill, and it learns."""
 
+import errno
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +17,7 @@ import torch
 from small_training import LIMITS, SMALL, make_data, make_pairs
 
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.learning import TrainingData, save_model
+from pipeline.learning import TrainingData, save_model, training
 from pipeline.learning.batches import Batches
 from pipeline.learning.module import CompnetxModule
 from pipeline.learning.networks import Compnetx
@@ -111,19 +113,19 @@ def test_unreadable_checkpoint_is_begun_again(data, unbroken, tmp_path, caplog, 
 
 def test_killed_while_a_checkpoint_is_written(data, unbroken, tmp_path, monkeypatch):
     """When writing a checkpoint fails half-way, the one before it is still whole and training goes on from it."""
-    save, written = torch.save, []
+    save, written = Path.write_bytes, []
 
-    def failing(checkpoint, path):
+    def failing(path, content):
         written.append(path)
         if len(written) == 6:
-            Path(path).write_bytes(b"half")
-            raise OSError("no space left")
-        save(checkpoint, path)
+            save(path, b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return save(path, content)
 
-    monkeypatch.setattr(torch, "save", failing)
-    with pytest.raises(OSError, match="no space left"):
+    monkeypatch.setattr(Path, "write_bytes", failing)
+    with pytest.raises(ArtifactError, match=r"\.ckpt cannot be written: No space left on device"):
         run(data, tmp_path)
-    monkeypatch.setattr(torch, "save", save)
+    monkeypatch.setattr(Path, "write_bytes", save)
     (folder,) = folders(tmp_path)
     for path in folder.glob("*.ckpt"):
         torch.load(path, weights_only=True)
@@ -166,6 +168,14 @@ def test_finished(data, unbroken, tmp_path):
     assert whole.steps_per_second > 0
     assert stored(again, tmp_path / "a.pt") == stored(whole, tmp_path / "b.pt")
     pd.testing.assert_frame_equal(again.curves, whole.curves, check_exact=True)
+
+
+def test_other_code_trains_anew(data, unbroken, tmp_path, monkeypatch):
+    """A finished run of other code, or with other packages, is no answer: training begins again beside it."""
+    shutil.copytree(unbroken[1], tmp_path / "scratch")
+    monkeypatch.setattr(training, "code_digest", lambda *_: "another")
+    assert run(data, tmp_path / "scratch", epochs=PARAMETERS.epochs).steps_per_second > 0
+    assert len(folders(tmp_path / "scratch")) == 2
 
 
 def test_best(data, unbroken):

@@ -31,7 +31,7 @@ def make_recording(**changes) -> Recording:
         tool="effector_body",
         start=states[0],
         goal=states[-1],
-        counters={"status": "solved", "iterations": 41, "path_length": 1 / 3, "clearance": np.inf, "claimed": True},
+        counters={"status": "solved", "iterations": 41, "path_length": 1 / 3, "clearance": 0.25, "claimed": True},
         metadata={"planner": "rrtconnect", "sampler": "uniform", "seed": "7"},
         versions={"python": "3.11.7", "numpy": "2.0"},
         attachments={"config": {"b": [1, 2.5], "a": None}, "problem": {"start": states[0].tolist()}},

@@ -1,7 +1,9 @@
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from pipeline.errors import ArtifactError
@@ -30,6 +32,16 @@ def test_a_recording_comes_back_whole(recording, tmp_path):
         **dict.fromkeys(("/scene", "/path", "/obstacle_points", "/log"), 1),
         **dict.fromkeys(("/tf", "/joint_states", "/counters"), 12),
     }
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, np.float32("inf")])
+def test_counters_are_json_by_the_letter(recording, tmp_path, value):
+    """A counter that is not finite is null, as JSON has no word for it: other programs read what is written."""
+    write_recording(tmp_path / "a.mcap", replace(recording, counters={"clearance": value, "length": 1 / 3}))
+    with open(tmp_path / "a.mcap", "rb") as stream:
+        (written,) = (r.metadata for r in make_reader(stream).iter_metadata() if r.name == "counters")
+    assert written == {"clearance": "null", "length": repr(1 / 3)}
+    assert read_recording(tmp_path / "a.mcap").counters == {"clearance": None, "length": 1 / 3}
 
 
 def test_the_barest_recording_comes_back(tmp_path):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import ArtifactError
+from pipeline.files import write_json
 from pipeline.reporting import (
     Provenance,
     Section,
@@ -163,6 +164,20 @@ def test_incomplete_provenance_is_refused(missing):
         Provenance("c", "p", COMMANDS, {key: value for key, value in HARDWARE.items() if key != missing})
     with pytest.raises(ArtifactError, match="report"):
         Provenance("c", "p", {"train": "x"}, HARDWARE)
+
+
+def test_provenance_says_where_each_table_is_from(tmp_path):
+    """Commit and machine are those of the benchmark; that the variants were measured elsewhere is a row."""
+    here = {"commit": "1234567", **HARDWARE, "measured": "Monday to Tuesday"}
+    write_json(here, tmp_path / "benchmark.json", "hardware")
+    there = {**here, "commit": "7654321", "cpu": "another", "cores": 64, "measured": "Friday"}
+    write_json(there, tmp_path / "choices.json", "hardware")
+    found = Provenance.read("standard", tmp_path / "benchmark.json", tmp_path / "choices.json")
+    assert (found.commit, found.profile) == ("1234567", "standard")
+    assert found.commands["report"] == "make repro PROFILE=standard"
+    rows = dict(found.table().to_numpy().tolist())
+    assert rows["measured"] == "Monday to Tuesday" and rows["cpu"] == HARDWARE["cpu"]
+    assert rows["choices"] == "measured Friday at 7654321 on another, 64 cores"
 
 
 def test_parts_of_a_page_are_replaced_one_by_one(tmp_path):

@@ -65,7 +65,6 @@ def test_touching_is_contact_to_a_depth(kind, crowd, tmp_path):
             (planned.widened(0.001), 0.0005),
             (planned.widened(0.01), -0.0085),
             (exact.reserving(bodies, none), 0.001),
-            (exact.vouching(0.001 / np.sqrt(3), 0.0004), 0.0006),
         ):
             Q = near(primitive, -depth, rng, 25)
             clearance = ball_clearance([primitive], Q, BALL)

@@ -25,6 +25,7 @@ BASES = {
     "panda": {"panda_link0_0"},
     "olivia": {"base_0"},
     "pholus": set(),
+    "ur5": {"base_link_0"},
     "sawyer": {"base_0", "controller_box_0", "pedestal_feet_0", "pedestal_0"},
 }
 

@@ -226,7 +226,7 @@ def test_neighbours_do_not_collide_without_an_srdf(tmp_path):
     """Without an SRDF bodies of neighbouring joints are not checked; with one, only what it disables."""
     assert not len(tiny(tmp_path).robot().geometry.collisionPairs)
     srdf = tmp_path / "tiny.srdf"
-    srdf.write_text('<robot name="tiny"><disable_collisions link1="x" link2="y"/></robot>')
+    srdf.write_text('<robot name="tiny"><disable_collisions link1="a" link2="d"/></robot>')
     assert len(tiny(tmp_path, srdf=str(srdf)).robot().geometry.collisionPairs) == 1
     ignored = tiny(tmp_path, srdf=str(srdf), ignored=(("c", "b"),)).robot()
     assert not len(ignored.geometry.collisionPairs)
