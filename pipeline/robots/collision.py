@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import ProblemError, unknown
+from pipeline.robots.bodies import body_of
 from pipeline.robots.broadphase import BroadPhase
 from pipeline.robots.flock import Flock
 from pipeline.robots.model import Robot
@@ -44,7 +45,8 @@ class Validity:
         obstacles: of the scene; may be empty.
         margin: least distance to obstacles [m].
         self_margin: least distance between bodies of a self-collision pair [m]; None for the same as `margin`.
-        touching: pairs (body, obstacle) by name that may touch: a cup and the table it stands on.
+        touching: pairs (body, obstacle) by name that may touch: a cup and the table it stands on. Of a body in pieces
+            all pieces may.
         conditions: what else configurations must meet.
 
     Raises:
@@ -65,14 +67,16 @@ class Validity:
                 raise ProblemError(f"{name} is {value} m; it must be finite and at least 0 m")
         named = {obstacle.name for obstacle in obstacles}
         for body, obstacle in touching:
-            if body not in robot.body_names:
-                raise ProblemError(unknown(f"touching names a body that {robot.name!r} lacks:", body, robot.body_names))
+            if not robot.pieces_of(body):
+                there = map(body_of, robot.body_names)
+                raise ProblemError(unknown(f"touching names a body that {robot.name!r} lacks:", body, there))
             if obstacle not in named or not obstacle:
                 raise ProblemError(unknown("touching names an obstacle that is not there:", obstacle, sorted(named)))
         self.robot = robot
         self.obstacles = tuple(obstacles)
         self.margin, self.self_margin = margin, self_margin
-        self.touching, self.conditions = frozenset(touching), tuple(conditions)
+        self.touching = frozenset((piece, name) for body, name in touching for piece in robot.pieces_of(body))
+        self.conditions = tuple(conditions)
         self._wider: dict[float, Validity] = {}
         self._flocks: dict[int, Flock] = {}  # by the number of copies
         self.checks = 0  # collision queries so far
@@ -175,15 +179,15 @@ class Validity:
         request.security_margin = self.margin if self.self_margin is None else self.self_margin
         for pair in geometry.collisionPairs:
             if coal.collide(bodies[pair.first], bodies[pair.second], request, coal.CollisionResult()):
-                found.append((names[pair.first], names[pair.second]))
+                found.append((body_of(names[pair.first]), body_of(names[pair.second])))
         request.security_margin = self.margin
         for number, obstacle in enumerate(self.obstacles):
             there = obstacle.collision_object()
             for body, shape, name in zip(geometry.geometryObjects, bodies, names, strict=True):
                 asked = body.parentJoint and (name, obstacle.name) not in self.touching
                 if asked and coal.collide(shape, there, request, coal.CollisionResult()):
-                    found.append((name, obstacle.name or f"obstacle {number}"))
-        return found
+                    found.append((body_of(name), obstacle.name or f"obstacle {number}"))
+        return list(dict.fromkeys(found))  # pieces of one body once
 
     def reason(self, q: np.ndarray) -> str:
         """Return why q (n,) is not free, for messages."""

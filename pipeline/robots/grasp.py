@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import RobotError, unknown
+from pipeline.robots.bodies import body_of
 from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
 
@@ -32,10 +33,10 @@ def attach(robot: Robot, body: Obstacle, frame: str, touching: Collection[str] =
             f"a grasped object needs a name of its own; {body.name!r} is {'taken' if body.name else 'empty'}"
         )
     for name in touching:
-        if name not in robot.body_names:
-            raise RobotError(
-                unknown(f"{body.name!r} may touch a body that {robot.name!r} lacks:", name, robot.body_names)
-            )
+        if not robot.pieces_of(name):
+            there = map(body_of, robot.body_names)
+            raise RobotError(unknown(f"{body.name!r} may touch a body that {robot.name!r} lacks:", name, there))
+    beside = {piece for name in touching for piece in robot.pieces_of(name)}
     number = robot.frame_id(frame)
     carrier = robot.model.frames[number]
     placement = carrier.placement * pin.SE3(body.rotation, np.array(body.position))
@@ -44,6 +45,6 @@ def attach(robot: Robot, body: Obstacle, frame: str, touching: Collection[str] =
         pin.GeometryObject(body.name, carrier.parentJoint, number, placement, body.geometry())
     )
     for i, other in enumerate(robot.geometry.geometryObjects):
-        if other.parentJoint != carrier.parentJoint and other.name not in touching:
+        if other.parentJoint != carrier.parentJoint and other.name not in beside:
             geometry.addCollisionPair(pin.CollisionPair(i, added))
     return replace(robot, geometry=geometry)

@@ -96,7 +96,7 @@ class UrdfRobot:
             geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
         except Exception as error:  # what pinocchio's and assimp's C++ throw has no common class
             raise RobotError(f"{path} cannot be loaded: {str(error).strip()}") from None
-        simplified(geometry, self.geometry)
+        geometry = simplified(geometry, self.geometry)
         standing = self._standing(model, semantics, followers)
         locked = [model.getJointId(name) for name in list(model.names)[1:] if name not in self.joints]
         if locked:
