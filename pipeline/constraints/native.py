@@ -14,6 +14,8 @@ from pathlib import Path
 
 import casadi as ca
 
+from pipeline.cache import cache_folder
+
 log = logging.getLogger(__name__)
 # No contraction into fused multiply-adds: results stay those of CasADi's own evaluation. More optimisation gains
 # nothing and doubles the time to compile.
@@ -30,7 +32,7 @@ def native(function: ca.Function) -> ca.Function | None:
     generator.add(function)
     source = generator.dump()
     key = hashlib.sha256("\0".join([*_FLAGS, os.path.realpath(compiler), source]).encode()).hexdigest()[:32]
-    library = cache() / f"{key}.so"
+    library = cache_folder() / f"{key}.so"
     if not library.is_file():
         try:
             _compile(compiler, source, library)
@@ -47,11 +49,6 @@ def native(function: ca.Function) -> ca.Function | None:
 def find_compiler() -> str | None:
     """Return the path of a C compiler; None where there is none."""
     return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-
-
-def cache() -> Path:
-    """Return the folder of compiled functions: $XDG_CACHE_HOME or ~/.cache, and below it this project's."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "constrained-motion-planning"
 
 
 def _compile(compiler: str, source: str, library: Path) -> None:

@@ -1,6 +1,6 @@
 """A family of tasks with everything it is planned and verified with: what benchmarks and the soak test run over."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from pipeline.errors import ConfigError, require
 from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination
-from pipeline.robots import ROBOTS, Robot, UrdfRobot
+from pipeline.robots import ROBOTS, Geometry, Robot, UrdfRobot
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
 
@@ -62,9 +62,15 @@ class Setting:
         made: UrdfRobot | None = None if self.robot is None else self.robot.make(ROBOTS, "robot")
         return made
 
-    def family(self) -> Family:
-        """Return the family; building the robot and its constraint takes up to a second."""
+    def family(self, geometry: Geometry | None = None) -> Family:
+        """Return the family; building the robot and its constraint takes up to a second.
+
+        Args:
+            geometry: what meshes of the robot become, in place of what its settings say.
+        """
         made = self.description()
+        if made is not None and geometry is not None:
+            made = replace(made, geometry=geometry)
         robot: Robot | None = None if made is None else made.robot()
         return make_family(self.kind, robot, self.parameters)
 

@@ -1,7 +1,8 @@
 """roboplan (PyPI) on upright transport and trays; needs `pip install 'constrained-motion-planning[peers]'`.
 
-It reads the same URDF and SRDF as ours, meshes as they are in the files, and has the same obstacles, start, goal and
-tolerance; bodies that no joint moves are not held against obstacles, obstacles not against each other.
+It reads the same URDF and SRDF as ours, meshes as they are in the files, and has the same limits, pairs of bodies,
+obstacles, start, goal and tolerance; bodies that no joint moves are not held against obstacles, obstacles not against
+each other. What it has otherwise is in `DIFFERENCES`, for pages.
 """
 
 import time
@@ -14,9 +15,22 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.environments.task import Joined, Level, Saying, Task
 from pipeline.errors import ConfigError
-from pipeline.robots import Robot, Shape, UrdfRobot
+from pipeline.robots import Geometry, Robot, Shape, UrdfRobot
 from pipeline.robots.description import SHARE, resolve
 
+GEOMETRY = Geometry.MESHES  # what it plans with
+DIFFERENCES = (
+    "It has the meshes of the files as they are, which to it are surfaces with nothing inside; ours are what the "
+    "settings of the robot say, convex hulls or pieces around them. Its verdicts are those of our checker with meshes.",
+    "It keeps no margin, where ours keeps one to obstacles and one between bodies.",
+    "It asks for collisions every 0.05 rad of a motion and not again on the path it has found; ours every 0.05 rad, "
+    "and every 0.025 rad of the found path.",
+    "It projects a motion every 0.05 rad (its default is 0.1; this is our step) to a tenth of the tolerance, which it "
+    "has for each constraint, for position and orientation apart; ours has it for the norm of all rows.",
+    "It writes a level hand as roll and pitch that are 0, ours as the two components of an axis.",
+    "Its path is straight between its states; they are joined on the manifold every 0.02 rad before it is verified.",
+    "It is C++ throughout; its time includes making the planner, 0.1 ms. Making its scene is left out, as for ours.",
+)
 _GROUP, _WORLD = "planned", "universe"
 _NODES = 1_000_000  # as good as no limit: time ends a search
 _COLOR = np.array([0.5, 0.5, 0.5, 1.0])
@@ -24,11 +38,11 @@ _COLOR = np.array([0.5, 0.5, 0.5, 1.0])
 
 @dataclass(frozen=True)
 class RoboplanParameters:
-    """roboplan's options; defaults are those of 0.7.0, but for RRT-Connect, which it has off.
+    """roboplan's options; defaults are those of 0.7.0, but for RRT-Connect, which it has off, and projections.
 
     Attributes:
         max_connection_distance: longest motion [rad].
-        step: of collision checks and of projections along a motion [rad].
+        step: of collision checks along a motion and of projections, 0.1 by its default [rad].
     """
 
     max_connection_distance: float = 3.0
@@ -78,7 +92,7 @@ class RoboplanPeer:
 
     def plan(self, task: Task, time_limit: float, seed: int) -> tuple[float, np.ndarray | None]:
         """Return the time of planning [s] and the waypoints (T, n), None without a path."""
-        self._furnish(task)
+        self.furnish(task)
         core, rrt, parameters = self.core, self.rrt, self.parameters
         constraints = [self._constraint(says, task.constraint.tolerance) for says in task.says]
         options = rrt.RRTOptions(
@@ -138,8 +152,14 @@ class RoboplanPeer:
                 for link in sorted(set(links) - asked - {carrier.name}):
                     self.scene.setCollisions(link, body.name, False)
 
-    def _furnish(self, task: Task) -> None:
-        """Replace the obstacles of the last task."""
+    def collides(self, q: np.ndarray) -> bool:
+        """Tell whether it finds a collision at q (n,) in the scene of the last task."""
+        whole = self.whole.copy()
+        whole[self.planned] = q
+        return bool(self.scene.hasCollisions(whole))
+
+    def furnish(self, task: Task) -> None:
+        """Take the scene of a task, in place of that of the last one."""
         core, scene = self.core, self.scene
         while self.added:
             scene.removeGeometry(self.added.pop())

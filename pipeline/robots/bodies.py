@@ -1,5 +1,6 @@
-"""Collision bodies: meshes as they are, as their convex hulls, or as the primitive that fits best."""
+"""Collision bodies: meshes as they are, as convex hulls or pieces, or as the primitive that fits best."""
 
+import re
 from enum import Enum
 
 import coal
@@ -8,8 +9,11 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.errors import RobotError
+from pipeline.robots.kept import kept_pieces
+from pipeline.robots.surfaces import triangles
 
-_GRID = 0.002  # hull vertices are rounded to it where coal finds too many neighbours [m]
+_GRID = 0.002  # hull vertices are moved out to it where coal finds too many neighbours [m]
+_PIECE = re.compile(r" \(\d+ of \d+\)$")
 
 
 class Geometry(Enum):
@@ -17,31 +21,55 @@ class Geometry(Enum):
 
     PRIMITIVES = "primitives"  # the box, capsule or sphere of least volume around the mesh
     HULLS = "hulls"
+    PIECES = "pieces"  # convex ones, see `pipeline.robots.pieces`: a hull each where that is close to the mesh
     MESHES = "meshes"
 
 
-def simplified(geometry: pin.GeometryModel, kind: Geometry) -> None:
-    """Replace the meshes of a geometry model.
+def simplified(geometry: pin.GeometryModel, kind: Geometry) -> pin.GeometryModel:
+    """Return the bodies of a geometry model with their meshes replaced; pairs are left out.
+
+    Pieces are bodies of their own, named after the one they are of: `body_of` tells which.
 
     Raises:
-        RobotError: a mesh without volume, of which there is no hull.
+        RobotError: a mesh without vertices or, for hulls, without volume.
     """
+    made = pin.GeometryModel()
     for body in geometry.geometryObjects:
-        if not isinstance(body.geometry, coal.BVHModelBase):
-            continue
-        vertices = np.array(body.geometry.vertices())
-        if len(vertices) == 0 or not np.isfinite(vertices).all():
-            raise RobotError(f"the mesh of body {body.name!r} has no vertices or some that are not finite")
-        if kind is Geometry.HULLS:
-            body.geometry = hull(vertices, body.name)
-        elif kind is Geometry.PRIMITIVES:
-            body.geometry, placement = primitive(vertices)
-            body.placement = body.placement * placement
-        body.meshScale = np.ones(3)  # the vertices carry it already
+        shapes = [(body.geometry, pin.SE3.Identity())]
+        if isinstance(body.geometry, coal.BVHModelBase):
+            shapes = _shapes(body, kind)
+            body.meshScale = np.ones(3)  # the vertices carry it already
+        for number, (shape, placement) in enumerate(shapes, 1):
+            name = body.name if len(shapes) == 1 else f"{body.name} ({number} of {len(shapes)})"
+            made.addGeometryObject(
+                pin.GeometryObject(name, body.parentJoint, body.parentFrame, body.placement * placement, shape)
+            )
+    return made
+
+
+def body_of(name: str) -> str:
+    """Return the name of the body that a piece is of; any other name as it is."""
+    return _PIECE.sub("", name)
+
+
+def _shapes(body: pin.GeometryObject, kind: Geometry) -> list[tuple[coal.CollisionGeometry, pin.SE3]]:
+    """Return what a body with a mesh becomes: shapes, and their poses in its frame."""
+    vertices = np.array(body.geometry.vertices())
+    if len(vertices) == 0 or not np.isfinite(vertices).all():
+        raise RobotError(f"the mesh of body {body.name!r} has no vertices or some that are not finite")
+    if kind is Geometry.PRIMITIVES:
+        return [primitive(vertices)]
+    found = [body.geometry]
+    if kind is Geometry.HULLS:
+        found = [hull(vertices, body.name)]
+    elif kind is Geometry.PIECES:
+        corners, members = triangles(body.geometry)
+        found = [hull(piece, body.name) for piece in kept_pieces(corners[members])]
+    return [(shape, pin.SE3.Identity()) for shape in found]
 
 
 def hull(vertices: np.ndarray, name: str) -> coal.ConvexBase:
-    """Return the convex hull of vertices (N, 3) [m].
+    """Return the convex hull of vertices (N, 3) [m], or one that is larger by up to `_GRID` where coal needs it.
 
     Raises:
         RobotError: the vertices lie in a plane.
@@ -52,14 +80,22 @@ def hull(vertices: np.ndarray, name: str) -> coal.ConvexBase:
         raise RobotError(
             f"the mesh of body {name!r} has no convex hull: its {len(vertices)} vertices are flat"
         ) from None
-    for points in (corners, np.unique(np.round(corners / _GRID) * _GRID, axis=0)):
+    for prepare in (np.asarray, _moved_out):
         listed = coal.StdVec_Vec3s()
-        listed.extend(list(points))
+        listed.extend(list(prepare(corners)))
         try:
             return coal.Convex.convexHull(listed, True, "Qt")
         except Exception as error:  # coal raises what its C++ throws: a hull with more than 255 neighbours, or qhull's
             reason = str(error).strip().splitlines()[0]
     raise RobotError(f"the mesh of body {name!r} has no convex hull: {reason}")
+
+
+def _moved_out(corners: np.ndarray) -> np.ndarray:
+    """Return fewer corners whose hull holds corners (N, 3): those of the cells of a grid in which they are."""
+    cells = np.floor(corners / _GRID)[:, None] + np.stack(np.meshgrid(*[[0, 1]] * 3), axis=-1).reshape(-1, 3)
+    points = np.unique(cells.reshape(-1, 3), axis=0) * _GRID
+    found: np.ndarray = points[ConvexHull(points).vertices]
+    return found
 
 
 def primitive(vertices: np.ndarray) -> tuple[coal.ShapeBase, pin.SE3]:

@@ -58,8 +58,8 @@ class Validity:
         margin: least distance to obstacles [m].
         self_margin: least distance between bodies of a self-collision pair [m]; None for the same as `margin`.
         touching: pairs (body, obstacle) by name that may touch, a cup and the table it stands on, and, as a mapping,
-            how deep [m]: above 0 and at most half of the thinner one's least extent, None for the usual depth. Where
-            there is a margin, up to a quarter of the depth is kept in its place.
+            how deep [m]: above 0 and at most half of the thinner one's least extent, None for the usual depth. Of a
+            body in pieces all pieces may. Where there is a margin, up to a quarter of the depth is kept in its place.
         conditions: what else configurations must meet.
 
     Raises:
@@ -182,7 +182,7 @@ class Validity:
 
     def contacts(self, q: np.ndarray) -> list[tuple[str, str]]:
         """Return the pairs (body, body or obstacle) by name that are nearer than they may be at q (n,)."""
-        return [(pair.first, pair.second) for pair in self._too_near(q)]
+        return list(dict.fromkeys((pair.first, pair.second) for pair in self._too_near(q)))  # pieces of one body once
 
     def reason(self, q: np.ndarray) -> str:
         """Return why q (n,) is not free, for messages: each pair with its own distance."""

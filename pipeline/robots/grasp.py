@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import RobotError, unknown
+from pipeline.robots.bodies import body_of
 from pipeline.robots.centre import centre_of_mass
 from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
@@ -43,10 +44,9 @@ def attach(
         raise RobotError(f"the mass of {body.name!r} is {mass} kg; it must be finite and at least 0 kg")
     asked = dict(touching) if isinstance(touching, Mapping) else dict.fromkeys(touching)
     for name in asked:
-        if name not in robot.body_names:
-            raise RobotError(
-                unknown(f"{body.name!r} may touch a body that {robot.name!r} lacks:", name, robot.body_names)
-            )
+        if not robot.pieces_of(name):
+            there = map(body_of, robot.body_names)
+            raise RobotError(unknown(f"{body.name!r} may touch a body that {robot.name!r} lacks:", name, there))
     number = robot.frame_id(frame)
     carrier = robot.model.frames[number]
     placement = carrier.placement * pin.SE3(body.rotation, np.array(body.position))
@@ -63,5 +63,5 @@ def attach(
         model = pin.Model(robot.model)
         point = pin.Inertia(mass, centre_of_mass(shape), np.zeros((3, 3)))  # balance asks for no more
         model.appendBodyToJoint(carrier.parentJoint, point, placement)
-    allowed = {(body.name, name): depth for name, depth in asked.items()}
+    allowed = {(body.name, piece): depth for name, depth in asked.items() for piece in robot.pieces_of(name)}
     return replace(robot, model=model, geometry=geometry, touching={**robot.touching, **allowed})

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from pipeline.errors import RobotError, unknown
 from pipeline.robots import travel
+from pipeline.robots.bodies import body_of
 from pipeline.robots.shapes import BodyShape
 from pipeline.robots.symbolic import Pose, constant, joint_pose
 
@@ -57,6 +58,10 @@ class Robot:
     def body_names(self) -> tuple[str, ...]:
         """Names of the collision bodies."""
         return tuple(body.name for body in self.geometry.geometryObjects)
+
+    def pieces_of(self, body: str) -> tuple[str, ...]:
+        """Return the names of the collision bodies that a body is: its own or its pieces'; none where it is unknown."""
+        return tuple(name for name in self.body_names if body in (name, body_of(name)))
 
     @cached_property
     def shapes(self) -> tuple[BodyShape, ...]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.robots.bodies import body_of
 from pipeline.robots.clearance import Distances
 from pipeline.robots.contact import kept
 
@@ -51,6 +52,11 @@ def too_near(distances: Distances, q: np.ndarray, margin: float, self_margin: fl
     for (body, number), least in zip(near, others, strict=True):
         names = scene.body_names[body], scene.names[number]
         found.append((names, bodies[body], distances.obstacle(number), least))
-    return [
-        TooNear(*names, here.distance(there), least) for names, here, there, least in found if here.nearer(there, least)
-    ]
+    near_ones: dict[tuple[str, ...], TooNear] = {}
+    for names, here, there, least in found:
+        if here.nearer(there, least):
+            one = TooNear(body_of(names[0]), body_of(names[1]), here.distance(there), least)
+            known = near_ones.get((one.first, one.second))
+            if known is None or one.distance < known.distance:  # of the pieces of a body the nearest is named
+                near_ones[one.first, one.second] = one
+    return list(near_ones.values())

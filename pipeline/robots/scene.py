@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import ProblemError, unknown
+from pipeline.robots.bodies import body_of
 from pipeline.robots.contact import Pair, Touching, allowed_depth, depths_asked
 from pipeline.robots.model import Robot
 from pipeline.robots.obstacles import Obstacle
@@ -69,13 +71,15 @@ class Scene:
         """Return the pairs of body and obstacle that may touch and how deep [m]; obstacles may share a name."""
         found, there = {}, [obstacle.name for obstacle in self.obstacles]
         for (body, obstacle), depth in depths_asked(touching).items():
-            if body not in self.body_names:
+            pieces = self.robot.pieces_of(body)
+            if not pieces:
                 what = f"touching names a body that {self.robot.name!r} lacks:"
-                raise ProblemError(unknown(what, body, self.body_names))
+                raise ProblemError(unknown(what, body, map(body_of, self.body_names)))
             if obstacle not in there or not obstacle:
                 raise ProblemError(unknown("touching names an obstacle that is not there:", obstacle, sorted(there)))
-            first = self.body_names.index(body)
-            for number in (i for i, name in enumerate(there) if name == obstacle):
+            firsts = [self.body_names.index(piece) for piece in pieces]
+            numbers = [i for i, name in enumerate(there) if name == obstacle]
+            for first, number in product(firsts, numbers):
                 shapes = self.body_shapes[first], self.obstacle_shapes[number]
                 found[first, number] = allowed_depth((body, obstacle), shapes, depth)
         return found

@@ -106,7 +106,7 @@ class UrdfRobot:
             geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
         except Exception as error:  # what pinocchio's and assimp's C++ throw has no common class
             raise RobotError(f"{path} cannot be loaded: {str(error).strip()}") from None
-        simplified(geometry, self.geometry)
+        geometry = simplified(geometry, self.geometry)
         base = frozenset(body.name for body in geometry.geometryObjects if not body.parentJoint)
         fastened = [str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") == "fixed"]
         standing = self._standing(model, semantics, followers, fastened)
