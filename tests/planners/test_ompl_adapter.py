@@ -110,8 +110,8 @@ def test_calls_are_counted(monkeypatch):
         monkeypatch.setattr(Constraint, name, counting)
     projections = []
     for override in (False, True):
-        calls.update(value=0, jacobian=0, project=0)
         scene, ours = problem(wall()), planner(override=override)
+        calls.update(value=0, jacobian=0, project=0)
         result = ours.plan(scene, Termination(time_limit=20), seed=6)
         counted = ours.callbacks
         assert (counted.values, counted.jacobians, counted.projections) == tuple(calls.values())

@@ -32,10 +32,10 @@ def blocked():
         (np.array([0.6, 0.8, 0.0]), ": joint y is 0.8, outside its limits [-1.5, 0.5]"),
         (np.array([1.6, 0.0, 0.0]), ": joint x is 1.6, outside its limits [-1.5, 1.5]"),
         (np.array([1.002, 0.0, 0.0]), "is off the manifold 'sphere': ||F|| = 0.002, tolerance 0.001; project it first"),
-        (TOP, "is in collision: point with obstacle 0; clearance -0.102 m, margin 0.005 m"),
+        (TOP, "is in collision: point with obstacle 0 (0.102 m deep, with a margin of 0.005 m)"),
         (
             np.array([0.104, 0.0, np.sqrt(1 - 0.104**2)]),
-            "is in collision: point with obstacle 0; clearance 0.002 m, margin 0.005 m",
+            "is in collision: point with obstacle 0 (0.002 m apart, with a margin of 0.005 m)",
         ),
     ],
 )

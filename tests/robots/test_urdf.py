@@ -253,7 +253,7 @@ BAD_FILES = {
     "no range": (TINY.replace('lower="-1" upper="1" ', ""), "'one' .* limits 0.0 and 0.0.*0 where left out"),
     "mimic of nobody": (TINY.replace("<axis", "<mimic/><axis", 1), "<mimic> of joint 'one' of .* names no joint"),
     "mimic no number": (TINY.replace("<axis", '<mimic joint="two" offset="x"/><axis', 1), "offset='x' in a <mimic>"),
-    "mimic of two": (TINY.replace("<axis", '<mimic joint="two" offset="1 2"/><axis', 1), "must be one number"),
+    "mimic of two": (TINY.replace("<axis", '<mimic joint="two" offset="1 2"/><axis', 1), "must be a number"),
     "mimic of itself": (TINY.replace("<axis", '<mimic joint="one"/><axis', 1), "in a loop: one, one"),
     "limits crossed": (TINY.replace('lower="-1"', 'lower="2"'), "lower limit 2.0 above its upper limit 1.0"),
     "limit no number": (TINY.replace('lower="-1"', 'lower="low"'), "lower='low'"),
