@@ -454,7 +454,7 @@ def test_a_full_place_for_output(tmp_path):
 def test_metrics_without_a_solution_are_json(run, chain, tmp_path):
     """Where nothing is solved there is no median, and the metrics are JSON all the same."""
     shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
-    no_way = ["oracle.planner.parameters.range=0.001", "+oracle.planner.parameters.direct=false"]
+    no_way = ["oracle.planner.parameters.range=0.001", "oracle.adherence.parameters.max_steps=1"]
     done = run("demonstrations", tmp_path, "oracle.max_iterations=1", *no_way)
     assert done.status == 0, done.stderr
     text = (tmp_path / "artifacts/tiny/demonstrations/sphere/metrics.json").read_text()

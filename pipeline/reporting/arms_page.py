@@ -14,8 +14,8 @@ from pipeline.reporting.performance_page import describe, table
 
 NOTE = (
     "n tasks with one seed each; every route plans a task before the next one comes, on one thread. Times are of all "
-    "trials, failures included, ours with the finer look along the found path, and where it is certified with the "
-    "look between the states of that path, too; making the scene and its collision checker is left out for all. "
+    "trials, failures included, ours with the proof of every chord of the found path, and where it is without proof "
+    "with looks at points of them; making the scene and its collision checker is left out for all. "
     "Claimed: by the planner; verified: by `pipeline.evaluation.verify`, without margin, at a fifth of our spacing, "
     "once with the geometry that the route planned with and once with ours; lengths are of paths that pass with their "
     "own. Those differ for roboplan only, which has meshes as they are in the files; OMPL has our geometry, without "

@@ -29,7 +29,7 @@ from pipeline.evaluation.upkeep import Maintained, Upkeep, maintain
 from pipeline.reporting.arms_page import arms_page
 from pipeline.reporting.soak_page import soak_page
 
-CERTIFIED = "ours, projection, certified"
+UNPROVEN = "ours, projection, without proof"
 UPKEPT = Maintained(pd.DataFrame({"part": ["a check"]}), "as it was", pd.DataFrame({"limit": [1]}), 7)
 
 
@@ -143,9 +143,9 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert table.loc["peer", "length median"] == pytest.approx(15)  # of those verified by its own geometry
     (line,) = ratio_lines(synthetic())
     assert line.startswith("transport_panda: 10x faster than peer at the median, 10x at p95, n = 10")
-    named = pd.concat([synthetic().replace("peer", ORDINARY), synthetic()[::2].replace("ours, projection", CERTIFIED)])
+    named = pd.concat([synthetic().replace("peer", ORDINARY), synthetic()[::2].replace("ours, projection", UNPROVEN)])
     (line,) = ratio_lines(named[named["route"] != "peer"])
-    assert "10x at p95 (20x: not met); certified 10x and 10x, n = 10" in line
+    assert "10x at p95 (20x: not met); without proof 10x and 10x, n = 10" in line
     (line,) = ratio_lines(synthetic().replace("peer", "roboplan, 1"))
     assert "(2x of both: met)" in line
     none = synthetic().assign(claimed=synthetic()["route"] != "peer")
