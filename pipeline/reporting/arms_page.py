@@ -38,7 +38,7 @@ KINDS = {
     "tray": "Tray: a level tray in both hands of Baxter between pillars over a table; 14 variables, 8 rows.",
     "reach": "Balanced reach: Pholus on four feet reaches between two boards, its mass over its feet; 41 variables, 12 "
     "rows.",
-    "corridor": "Corridors: a pen 1 cm thick is held upright at a fixed height and goes between thin walls, 10 cm apart, "
+    "corridor": "Corridors: a pen 1 cm thick, held upright at a fixed height, goes between thin walls, 10 cm apart, "
     "to the farthest cell; 7 variables, 3 rows.",
     "maze": "Mazes of {rows} x {columns} cells on a torus, corridors {corridor} pixels wide and walls {wall}, from a "
     "random place to the farthest one.",

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.distance import cdist
 
+from pipeline.robots.bodies import body_of
 from pipeline.robots.contact import Contact
 from pipeline.robots.placed import Placed
 from pipeline.robots.scene import Scene
@@ -86,10 +87,10 @@ class Distances:
         beside = [pair for pair, depth in zip(pairs, scene.pair_depths, strict=True) if depth > 0]
         deepest: dict[tuple[str, str], float] = {}
         for R, p in map(self.at, Q if beside or scene.touching_numbers else ()):
-            held = [(i, scene.body_names[j], self.body(j, R, p)) for i, j in beside]
+            held = [(i, body_of(scene.body_names[j]), self.body(j, R, p)) for i, j in beside]
             held += [(i, scene.names[number], self.obstacle(number)) for i, number in scene.touching_numbers]
             for i, second, there in held:
-                pair = scene.body_names[i], second
+                pair = body_of(scene.body_names[i]), second
                 deepest[pair] = max(deepest.get(pair, 0.0), -self.body(i, R, p).distance(there))
         return [Contact(*names, depth) for names, depth in deepest.items() if depth > 0]
 

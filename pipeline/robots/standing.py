@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.errors import ProblemError
+from pipeline.robots.bodies import body_of
 from pipeline.robots.clearance import Distances
 from pipeline.robots.contact import Contact, usual_depth
 from pipeline.robots.model import Robot
@@ -34,7 +35,7 @@ def contacts_of_standing(distances: Distances) -> list[tuple[Contact, float]]:
         if not allowed:
             shapes = scene.body_shapes[body], scene.obstacle_shapes[obstacle]
             allowed = usual_depth(shapes) if name in scene.robot.base else _NOTHING
-        found.append((Contact(name, scene.names[obstacle], depth), allowed))
+        found.append((Contact(body_of(name), scene.names[obstacle], depth), allowed))
     return found
 
 
