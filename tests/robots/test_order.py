@@ -31,7 +31,7 @@ def test_joints_are_in_the_order_they_are_listed(name):
     np.testing.assert_allclose(other.lever_arms[0], robot.lever_arms[0][:, order])
     np.testing.assert_allclose(other.lever_arms[1], robot.lever_arms[1][:, order])
     places = rng.uniform(-1, 1, (400, 3))
-    places = places[np.hypot(places[:, 0], places[:, 1]) > 0.6][:80]  # none in what stands at the origin
+    places = places[np.hypot(places[:, 0], places[:, 1]) > 0.8][:80]  # none in what stands at the origin
     balls = [Obstacle(Shape.SPHERE, tuple(p), (0, 0, 0, 1), (0.1,) * 3, f"ball {i}") for i, p in enumerate(places)]
     x, spoken = ca.SX.sym("x", robot.dimension), FRAMES[name][-1]
     place = ca.Function("place", [x], [other.symbolic_pose(x, spoken).position])
