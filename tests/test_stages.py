@@ -451,14 +451,22 @@ def test_a_full_place_for_output(tmp_path):
     assert (tmp_path / "out" / "path.csv").is_file()
 
 
-def test_metrics_without_a_solution_are_json(run, chain, tmp_path):
-    """Where nothing is solved there is no median, and the metrics are JSON all the same."""
+NOT_FOUND = [
+    *("oracle.max_iterations=1", "oracle.planner.parameters.range=0.001", "oracle.adherence.parameters.max_steps=1"),
+]
+REFUSED = ["environment.parameters.margin=0.3"]  # starts and goals are too near to obstacles
+
+
+@pytest.mark.parametrize(("settings", "status"), [(NOT_FOUND, "limit"), (REFUSED, "refused")])
+def test_metrics_without_a_solution_are_json(run, chain, tmp_path, settings, status):
+    """Where no path is found, or every problem is refused, there is no median, and the metrics are JSON."""
     shutil.copytree(chain / "artifacts", tmp_path / "artifacts")
-    no_way = ["oracle.planner.parameters.range=0.001", "oracle.adherence.parameters.max_steps=1"]
-    done = run("demonstrations", tmp_path, "oracle.max_iterations=1", *no_way)
+    done = run("demonstrations", tmp_path, *settings)
     assert done.status == 0, done.stderr
-    text = (tmp_path / "artifacts/tiny/demonstrations/sphere/metrics.json").read_text()
-    assert json.loads(text, parse_constant=lambda word: pytest.fail(word))["median_length"] is None
+    folder = tmp_path / "artifacts/tiny/demonstrations/sphere"
+    metrics = json.loads((folder / "metrics.json").read_text(), parse_constant=lambda word: pytest.fail(word))
+    assert (metrics["median_length"], metrics["solved"], metrics["failed"]) == (None, 0, 20)
+    assert all(status in found for found in read_table(folder / "paths.parquet", "paths")["status"])
 
 
 def test_times_say_where_they_are_from(chain):

@@ -7,8 +7,9 @@ from pathlib import Path
 import coal
 import numpy as np
 
-from pipeline.errors import ProblemError
+from pipeline.errors import ProblemError, RobotError
 from pipeline.robots.shapes import LARGEST, BodyShape
+from pipeline.robots.xml import check_mesh
 
 _MOST = 200_000  # triangles: coal's boxes around more take more than seconds to make
 _COUNTED = 10_000_000  # size of a file [bytes]: smaller ones cannot hold more triangles than that
@@ -26,6 +27,10 @@ def load(file: str, scale: Sequence[float], name: str) -> BodyShape:
     path = Path(file)
     if not path.is_file():
         raise ProblemError(f"there is no mesh {file!r}")
+    try:
+        check_mesh(path)
+    except RobotError as error:
+        raise ProblemError(f"mesh {name!r} cannot be read: {error}") from None
     state = path.stat()
     shape = _read(str(path), state.st_mtime_ns, state.st_size, tuple(float(s) for s in scale))
     extent = float(2 * shape.box[1].max())

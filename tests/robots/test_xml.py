@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pipeline.errors import RobotError
-from pipeline.robots import UrdfRobot
+from pipeline.errors import ProblemError, RobotError
+from pipeline.robots import Obstacle, Shape, UrdfRobot
 from pipeline.robots.description import SHARE, read_srdf, read_urdf
 from pipeline.robots.xml import DEEPEST, check_mesh, read_xml
 
@@ -110,6 +110,9 @@ def test_deep_meshes_are_refused(tmp_path):
     text = chain(1).replace('<link name="l0"/>', collision)
     with refused(tmp_path / "m.dae", f"more than {DEEPEST} elements"):
         robot(tmp_path / "r.urdf", text).robot()
+    here = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0))
+    with pytest.raises(ProblemError, match=f"mesh 'm' cannot be read: .*m.dae has more than {DEEPEST} elements"):
+        Obstacle(Shape.MESH, *here, "m", str(tmp_path / "m.dae")).geometry()
     (tmp_path / "m.stl").write_bytes(b"solid" + bytes(100))
     check_mesh(tmp_path / "m.stl")  # no XML: for its own library to judge
 
