@@ -73,8 +73,8 @@ def demonstrate(
             )
         except PipelineError as error:  # a problem that cannot be planned is counted, not the end of the stage
             none = dict.fromkeys(("length", "raw_length", "planning_time"), np.nan)
-            none |= flatten(np.empty((0, robot.dimension)))
-            rows.append({**head, "status": "refused", "solved": False, "message": str(error), **none})
+            empty = flatten(np.empty((0, robot.dimension)))
+            rows.append({**head, "status": "refused", "solved": False, "message": str(error), **none, **empty})
             continue
         path = shortcut(space, result.path, np.random.default_rng(seed), oracle.shortcuts)
         paths = {"length": path, "raw_length": result.path}
