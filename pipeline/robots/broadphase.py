@@ -33,6 +33,8 @@ class BroadPhase:
         # Pairs that both models have come first, with the same numbers.
         self._order = sorted(range(len(pairs)), key=lambda pair: pairs[pair][1] >= self._moving)
         self._asked = [pairs[pair] for pair in self._order]
+        self._own = sum(second < self._moving for _, second in self._asked)  # pairs of which both bodies move
+        self._still = [i for i, (first, _) in enumerate(self._asked) if first >= self._moving]  # of which none does
         self._model = model
         self._all, self._mobile = pin.GeometryModel(), pin.GeometryModel()
         for i, body in enumerate(order):
@@ -66,17 +68,15 @@ class BroadPhase:
             manager.update(True)
         self._objects = self._standing.getManager().getObjects()
         self._others = coal.NaiveCollisionManager()
-        asked = list(zip(self._asked, sorted_margins, strict=True))
         # Bodies that may touch have a margin below 0: their boxes stay as they are.
-        reach = max((margin for (_, second), margin in asked if second >= moving), default=0.0)
-        reach = max(reach, 0.0)
+        reach = max([0.0, *sorted_margins[self._own :]])
         for i in range(moving, len(self._objects)):
             self._objects[i].getAABB().expand(reach)  # a box must meet what its shape keeps a margin from
             self._others.registerObject(self._objects[i])
         # Bound once: looking them up costs a tenth of a query.
         self._update, self._collide = self._manager.update, self._manager.getManager().collide
         self._callback = pin.CollisionCallBackDefault(self._all, self._placed, True)
-        self._stuck = any(first >= moving and self._touch(pair) for pair, (first, _) in enumerate(self._asked))
+        self._stuck = any(map(self._touch, self._still))
 
     def collides(self, q: np.ndarray) -> bool:
         """True when a pair is nearer than its margin at q (n,)."""
