@@ -1,5 +1,6 @@
 """Inverse kinematics on a manifold: configurations that meet a constraint and put a frame or joints somewhere."""
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 
 import casadi as ca
@@ -86,15 +87,21 @@ class InverseKinematics:
             self.nearest = target, constraint
 
     def solutions(
-        self, rng: np.random.Generator, tries: int, near: np.ndarray | None = None, patience: int | None = None
+        self,
+        rng: np.random.Generator,
+        tries: int,
+        near: np.ndarray | None = None,
+        patience: int | None = None,
+        until: float = np.inf,
     ) -> Iterator[np.ndarray]:
         """Yield configurations (n,); every other try starts near `near`, at first exactly there, the rest anywhere.
 
-        Ends after `tries` tries, or `patience` in a row that arrive nowhere; `tried` counts them.
+        Ends after `tries` tries, `patience` in a row that arrive nowhere, or, from the second try on, at a time `until`
+        by time.perf_counter() [s]; `tried` counts them.
         """
         self.tried = failed = 0
         for i in range(tries):
-            if failed == patience:
+            if failed == patience or (i and time.perf_counter() >= until):
                 return
             self.tried = i + 1
             start = rng.uniform(self.robot.lower, self.robot.upper)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ConstraintError, require
+from pipeline.errors import ConfigError, ConstraintError, require
 from pipeline.manifolds.base import AdherenceParameters, length
 
 _NEAREST = 4  # charts that are asked whether they hold a configuration
@@ -16,7 +16,7 @@ class AtlasParameters(AdherenceParameters):
     """Parameters of charts (compnetx.txt, appendix D, where no other source is given).
 
     Attributes:
-        epsilon: largest distance between chart and manifold [rad or m].
+        epsilon: largest distance between chart and manifold, below `step` [rad or m]: a shorter step counts as stalled.
         alpha: largest angle between a chart and a chord to the manifold [rad] (pi/6; the authors' code: pi/16).
         rho: radius of a chart's validity region [rad or m].
         exploration: probability of sampling outside the chart; samples reach rho / (1 - exploration)^(1/d).
@@ -34,6 +34,11 @@ class AtlasParameters(AdherenceParameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         require("adherence.epsilon", self.epsilon, above=0)
+        if not self.epsilon < self.step:
+            raise ConfigError(
+                f"adherence.epsilon is {self.epsilon} and step {self.step}; epsilon must be below the step, or every "
+                "walk in a chart stalls at its first one"
+            )
         require("adherence.alpha", self.alpha, above=0, below=np.pi / 2)
         require("adherence.rho", self.rho, above=0)
         require("adherence.exploration", self.exploration, at_least=0, below=1)

@@ -19,6 +19,7 @@ import numpy as np
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, ConstraintError, require
 from pipeline.manifolds.chords import ChordProof
+from pipeline.manifolds.deadline import Deadline
 from pipeline.manifolds.displacement import Displacement
 from pipeline.manifolds.polyline import brought_back, polyline, subdivided
 from pipeline.manifolds.screening import Screen
@@ -27,6 +28,7 @@ from pipeline.robots import Validity
 FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
 _PIECES = 1000  # in which a step is checked: likewise
 _TYPICAL = 64  # random chords that say how fast bodies move along a typical one
+_ROWS = 64  # that are asked for collision or looked at as edges between two looks at the clock
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
 
@@ -89,8 +91,9 @@ class AdherenceParameters:
 
     Attributes:
         step: gamma, length of a step [rad or m].
-        leap: lambda_1, a step longer than this many gammas ends the walk.
-        wander: lambda_2, a way longer than this many straight lines ends the walk.
+        leap: lambda_1, a step longer than this many gammas ends the walk. Above 1: a step is gamma long where the
+            manifold is flat, and longer where it is not.
+        wander: lambda_2, a way longer than this many straight lines ends the walk; at least 1.
         max_steps: the loop limit N. Not 50 as for projections: 50 steps of 0.05 do not cross a unit sphere.
         newton_steps: Newton steps inside a walk; from a step away it converges quadratically, so that more than this
             many means that it does not (measured on the sphere: at most 2).
@@ -118,6 +121,8 @@ class AdherenceParameters:
     def __post_init__(self) -> None:
         for name in ("step", "leap", "wander", "resolution"):
             require(f"adherence.{name}", getattr(self, name), above=0)
+        require("adherence.leap", self.leap, above=1)
+        require("adherence.wander", self.wander, at_least=1)
         for name in ("max_steps", "newton_steps", "lookahead"):
             require(f"adherence.{name}", getattr(self, name), at_least=1)
         if self.refinement is not None:
@@ -145,7 +150,11 @@ class Refined:
 
 
 class Adherence(ABC):
-    """A manifold made walkable: constraint, validity and parameters in one object. Lives in one process."""
+    """A manifold made walkable: constraint, validity and parameters in one object. Lives in one process.
+
+    Attributes:
+        deadline: what takes long here looks at it, and raises `OutOfTime`; there is none unless a caller sets one.
+    """
 
     def __init__(self, constraint: Constraint, validity: Validity, parameters: AdherenceParameters) -> None:
         if constraint.n != validity.robot.dimension:
@@ -154,6 +163,7 @@ class Adherence(ABC):
                 f"robot {validity.robot.name!r} has {validity.robot.dimension} joints"
             )
         self.constraint, self.validity, self.parameters = constraint, validity, parameters
+        self.deadline = Deadline()
         constraint.prepare(parameters.native)
         self.lower, self.upper = validity.robot.lower, validity.robot.upper
         self.counters = Counters()
@@ -230,7 +240,7 @@ class Adherence(ABC):
         """
         Q = rng.uniform(self.lower, self.upper, (count, self.dimension))
         self.counters.projections += count
-        X, converged = self.constraint.project_batch(Q, _GLANCE)
+        X, converged = self._projected(Q, _GLANCE)
         with np.errstate(invalid="ignore"):
             inside = converged & ((X >= self.lower) & (X <= self.upper)).all(axis=1)
         return np.where(inside[:, None], X, Q)
@@ -241,7 +251,7 @@ class Adherence(ABC):
     def project(self, Q: np.ndarray) -> np.ndarray:
         """Project rows of Q (N, n) and return those that converged within bounds (m, n)."""
         self.counters.projections += len(Q)
-        X, converged = self.constraint.project_batch(Q)
+        X, converged = self._projected(Q)
         with np.errstate(invalid="ignore"):
             inside = ((X >= self.lower) & (X <= self.upper)).all(axis=1)
         return X[converged & inside]
@@ -254,9 +264,21 @@ class Adherence(ABC):
         manifold's curvature the walk may pass elsewhere and be refused without need. Lengths are approximate, and
         infinite where an edge does not look free.
         """
-        promising, lengths, projected = self._screen.look(q_from, q_to, self.validity)
-        self.counters.projections += projected
+        promising, lengths = np.zeros(len(q_from), bool), np.full(len(q_from), np.inf)
+        for first in range(0, len(q_from), _ROWS):
+            self.deadline.look()
+            rows = slice(first, first + _ROWS)
+            promising[rows], lengths[rows], projected = self._screen.look(q_from[rows], q_to[rows], self.validity)
+            self.counters.projections += projected
         return promising, lengths
+
+    def free_rows(self, Q: np.ndarray) -> np.ndarray:
+        """Tell which rows of Q (m, n) are free (m,): as the checker does, with an eye on the clock."""
+        free = np.zeros(len(Q), bool)
+        for first in range(0, len(Q), _ROWS):
+            self.deadline.look()
+            free[first : first + _ROWS] = self.validity.free_rows(Q[first : first + _ROWS])
+        return free
 
     def prepare_screen(self) -> None:
         """Make what `screen` needs, which otherwise its first call does."""
@@ -274,6 +296,7 @@ class Adherence(ABC):
         a jump between two sheets of a manifold shows.
         """
         self.counters.projections += len(states)
+        self.deadline.look()
         states, converged = brought_back(self.constraint, states)
         end = len(states) if converged.all() else max(int(np.argmin(converged)), 1)  # what comes before holds or fails
         path, segments, broken = polyline(self.constraint, states[:end], self.lower, self.upper)
@@ -296,9 +319,10 @@ class Adherence(ABC):
         if len(path) < 2:
             return None
         if self._proof is not None:
-            return self._proof.first_gap(path)
+            return self._proof.first_gap(path, self.deadline)
         spacing = self.parameters.refinement or self.parameters.resolution
         for i in range(len(path) - 1):
+            self.deadline.look()
             if not all(self.validity.free(q) for q in subdivided(path[i : i + 2], spacing)[1:]):
                 return i
         return None
@@ -324,6 +348,15 @@ class Adherence(ABC):
             tangent = np.eye(self.dimension)
         step = tangent @ rng.normal(size=tangent.shape[1])
         return self.parameters.step / max(float(np.linalg.norm(step)), 1e-12) * step
+
+    def _projected(self, Q: np.ndarray, iterations: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """As `Constraint.project_batch`, with an eye on the clock."""
+        X, converged, block = np.empty_like(Q, float), np.zeros(len(Q), bool), self.constraint.block
+        for first in range(0, len(Q), block):
+            self.deadline.look()
+            rows = slice(first, first + block)
+            X[rows], converged[rows] = self.constraint.project_batch(Q[rows], iterations)
+        return X, converged
 
     def _ended(self, reached: list[np.ndarray], stop: Stop) -> Traversal:
         return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)

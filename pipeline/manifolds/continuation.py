@@ -74,6 +74,7 @@ class ContinuationAdherence(Adherence):
         q, u, target = q_from, chart.log(q_from), chart.log(q_to)
         way, longest, vouches = 0.0, parameters.wander * straight, False
         while True:
+            self.deadline.look()
             if length(target - u) <= parameters.step:  # line 7, right at the beginning of a chart
                 near = length(q_to - q) <= parameters.leap * parameters.step
                 return self._finish(reached, q_from, q_to, vouches, land) if near else self._ended(reached, Stop.FOLDED)
@@ -133,6 +134,7 @@ class ContinuationAdherence(Adherence):
             size = min(_SAMPLE_BLOCK, count - len(found))
             if not size:
                 break
+            self.deadline.look()
             Q = self._drawn(rng, rng.integers(len(self.atlas), size=size))
             for q in Q[:_SAMPLE_GROWTH]:
                 self._chart_at(q)
@@ -143,6 +145,7 @@ class ContinuationAdherence(Adherence):
         """Sample the tangent balls of charts at Q, as `sample` those of any chart."""
         ends, which = np.unique(Q, axis=0, return_inverse=True)
         charts = [self._chart_at(q) for q in ends]
+        self.deadline.look()
         places = np.array([-1 if chart is None else chart.index for chart in charts], int)[which]
         places = places[places >= 0]
         blocks = [self._drawn(rng, places[i : i + _LIFT_BLOCK]) for i in range(0, len(places), _LIFT_BLOCK)]
@@ -168,6 +171,7 @@ class ContinuationAdherence(Adherence):
         base, normal, height = (argument.reshape(len(block.arguments[0]), -1) for argument in block.arguments)
         base[:count], normal[:count] = bases, normals.reshape(count, -1)
         for _ in range(3 * self.parameters.newton_steps):
+            self.deadline.look()
             height[:count] = heights
             violations, following = (result.reshape(len(base), -1)[:count] for result in block.evaluate())
             done = violations[:, 0] < self.constraint.tolerance**2

@@ -62,6 +62,7 @@ class ProjectionAdherence(Adherence):
             return self._finish(reached, q_from, q_to, False, land)
         q, way, longest, vouches = q_from, 0.0, self.parameters.wander * straight, False
         while True:
+            self.deadline.look()
             flat, codes, ways = self._edge(q, q_to, way, longest)
             chords = flat.reshape(len(codes), -1, self.dimension).copy()
             for chord, code, total in zip(chords, codes.tolist(), ways.tolist(), strict=True):

@@ -56,7 +56,7 @@ class DynamicDomainRrtConnect(RrtConnect):
         trees = (Tree(*problem.all_starts), Tree(*problem.all_goals))
         domains = (_Domains(self.domain), _Domains(self.domain))
         longest = max(int(self.range / space.parameters.step), 1)
-        if self.direct:
+        if self.direct and not clock.iterations:
             path = self._straight(space, trees, problem.goal)
             if path is not None:
                 return PlanStatus.SOLVED, path

@@ -1,5 +1,6 @@
 """From a problem file to what planners take: robot, constraint, checker, start and goals."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -75,7 +76,7 @@ def build(file: ProblemFile) -> Built:
     kept = [condition.kept(file.margin) for condition in conditions]
     validity = Validity(robot, obstacles, file.margin, file.self_margin, touching, kept)
     exact = Validity(robot, obstacles, 0.0, 0.0, touching, conditions)
-    finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]))
+    finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]), file.time_limit)
     starts = finder.find(file.start, "start", 1 if file.start.exact else file.goals, robot.rest)
     start = starts[0]
     constraint.frame(start)  # rows that depend on each other are named
@@ -116,9 +117,10 @@ class _Finder:
         constraint: Constraint,
         validity: Validity,
         rng: np.random.Generator,
+        time_limit: float,
     ) -> None:
         self.arm, self.robot, self.held = arm, robot, held
-        self.constraint, self.validity, self.rng = constraint, validity, rng
+        self.constraint, self.validity, self.rng, self.time_limit = constraint, validity, rng, time_limit
         self.notes: list[str] = []
 
     def find(self, where: Where, name: str, count: int, near: np.ndarray | None) -> np.ndarray:
@@ -132,7 +134,8 @@ class _Finder:
         on_limit: list[np.ndarray] = []
         reached: list[np.ndarray] = []
         barren = 0
-        for q in inverse.solutions(self.rng, _TRIES * count, near, _BARREN):
+        until = time.perf_counter() + self.time_limit
+        for q in inverse.solutions(self.rng, _TRIES * count, near, _BARREN, until):
             barren = 0 if _apart(q, reached) else barren + 1
             if barren == _BARREN:
                 break
