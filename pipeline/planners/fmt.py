@@ -248,7 +248,7 @@ class _Wave:
         """Add samples (m, n) and reopen the closed ones beside them: the front goes on from there."""
         old = self.count
         self._append(Q)
-        beside = (self.neighbours >= old).any(axis=1)
+        beside = np.asarray((self.neighbours >= old).any(axis=1))
         beside[self.neighbours[old:]] = True
         again = np.flatnonzero(beside & (self.state == _CLOSED))
         self.state[again], self.reach[again] = _OPEN, self.cost[again]

@@ -18,6 +18,7 @@ _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
 _BARREN = 100  # tries in a row that arrive nowhere, or where others did, after which there is nothing more to find
 _ROUNDED = 1e-6  # a given value so far beyond a limit is a rounded one, and taken at the limit [rad or m]
+_SEARCHED = 10.0  # for a start or a goal, unless planning has more: most take a tenth of it [s]
 _APART = 0.1  # goals nearer than this to each other count as one [rad or m]
 
 
@@ -134,7 +135,7 @@ class _Finder:
         on_limit: list[np.ndarray] = []
         reached: list[np.ndarray] = []
         barren = 0
-        until = time.perf_counter() + self.time_limit
+        until = time.perf_counter() + max(self.time_limit, _SEARCHED)
         for q in inverse.solutions(self.rng, _TRIES * count, near, _BARREN, until):
             barren = 0 if _apart(q, reached) else barren + 1
             if barren == _BARREN:
