@@ -10,6 +10,7 @@ import pinocchio as pin
 from pipeline.constraints.base import Constraint
 from pipeline.constraints.compiled import compiled
 from pipeline.constraints.regions import TaskSpaceRegion
+from pipeline.constraints.turns import turns_on
 from pipeline.robots import Robot
 from pipeline.robots.symbolic import constant, rotation_vector
 
@@ -59,7 +60,7 @@ class InverseKinematics:
         q = ca.SX.sym("q", robot.dimension)
         rows = ca.vertcat(constraint.function(q), target(q))
         self._rows = compiled("rows", [q], [rows, ca.jacobian(rows, q).T])
-        self.robot, self.constraint = robot, constraint
+        self.robot, self.constraint, self.turns = robot, constraint, turns_on(constraint, robot)
         self.tried = 0  # by `solutions`
         self.nearest: tuple[float, float] | None = None  # of all tries: ||rows|| of the target, and of the constraint
 
@@ -104,10 +105,10 @@ class InverseKinematics:
             if failed == patience or (i and time.perf_counter() >= until):
                 return
             self.tried = i + 1
-            start = rng.uniform(self.robot.lower, self.robot.upper)
+            start = rng.uniform(*self.robot.box)
             if near is not None and i % 2 == 0:
                 start = near + _NOISE * min(i / 10, 3.0) * rng.normal(size=len(near))
             found = self.solve(start)
             failed = failed + 1 if found is None else 0
             if found is not None:
-                yield found
+                yield found if self.turns is None else self.turns.canonical(found)

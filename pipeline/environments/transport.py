@@ -125,7 +125,7 @@ def _scene(rng: np.random.Generator, station: Station, shelf: bool) -> Iterator[
 
 
 def _draw(rng: np.random.Generator, robot: Robot, constraint: Constraint) -> np.ndarray:
-    Q, converged = constraint.project_batch(rng.uniform(robot.lower, robot.upper, (50, robot.dimension)))
+    Q, converged = constraint.project_batch(rng.uniform(*robot.box, (50, robot.dimension)))
     return Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
 
 

@@ -16,7 +16,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Constraint
+from pipeline.constraints import Constraint, turns_on
 from pipeline.errors import ConfigError, ConstraintError, require
 from pipeline.manifolds.chords import ChordProof
 from pipeline.manifolds.deadline import Deadline
@@ -153,6 +153,8 @@ class Adherence(ABC):
     """A manifold made walkable: constraint, validity and parameters in one object. Lives in one process.
 
     Attributes:
+        lower, upper: joint limits (n,); infinite for joints that turn.
+        turns: how to measure where joints turn, None where none does: what differs by whole turns is one place.
         deadline: what takes long here looks at it, and raises `OutOfTime`; there is none unless a caller sets one.
     """
 
@@ -166,6 +168,7 @@ class Adherence(ABC):
         self.deadline = Deadline()
         constraint.prepare(parameters.native)
         self.lower, self.upper = validity.robot.lower, validity.robot.upper
+        self.turns = turns_on(constraint, validity.robot)
         self.counters = Counters()
         # Steps on a curved manifold are not quite gamma long; longer chords than this are checked at all their points.
         self._vouched = 1.1 * parameters.step
@@ -218,7 +221,8 @@ class Adherence(ABC):
 
         The target does not count when the last of them is within a step of it. q_from is taken to be valid; q_to is
         checked when the walk gets there. Without `land` the walk ends within a step of q_to, which need not be on the
-        manifold then and is never among the states.
+        manifold then and is never among the states. Where joints turn the walk goes the short way round and is
+        continuous: the target it reaches may be whole turns away from q_to.
         """
 
     @abstractmethod
@@ -238,7 +242,7 @@ class Adherence(ABC):
         Where the manifold is hard to hit (few random configurations reach it within the limits) a search that waits for
         samples spends its time on them; a direction serves an extension as well.
         """
-        Q = rng.uniform(self.lower, self.upper, (count, self.dimension))
+        Q = rng.uniform(*self.validity.robot.box, (count, self.dimension))
         self.counters.projections += count
         X, converged = self._projected(Q, _GLANCE)
         with np.errstate(invalid="ignore"):
@@ -254,7 +258,8 @@ class Adherence(ABC):
         X, converged = self._projected(Q)
         with np.errstate(invalid="ignore"):
             inside = ((X >= self.lower) & (X <= self.upper)).all(axis=1)
-        return X[converged & inside]
+        X = X[converged & inside]
+        return X if self.turns is None else self.turns.canonical(X)
 
     def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tell of edges, rows of q_from and q_to (m, n), whether they look free (m,), and how long they are (m,).
@@ -264,6 +269,8 @@ class Adherence(ABC):
         manifold's curvature the walk may pass elsewhere and be refused without need. Lengths are approximate, and
         infinite where an edge does not look free.
         """
+        if self.turns is not None:
+            q_to = self.turns.nearest(q_to, q_from)
         promising, lengths = np.zeros(len(q_from), bool), np.full(len(q_from), np.inf)
         for first in range(0, len(q_from), _ROWS):
             self.deadline.look()
@@ -271,6 +278,11 @@ class Adherence(ABC):
             promising[rows], lengths[rows], projected = self._screen.look(q_from[rows], q_to[rows], self.validity)
             self.counters.projections += projected
         return promising, lengths
+
+    def apart(self, differences: np.ndarray) -> np.ndarray:
+        """Return how far apart configurations are of which these are the differences (..., n) [rad or m]."""
+        offsets = differences if self.turns is None else self.turns.wrapped(differences)
+        return np.asarray(np.linalg.norm(offsets, axis=-1))
 
     def free_rows(self, Q: np.ndarray) -> np.ndarray:
         """Tell which rows of Q (m, n) are free (m,): as the checker does, with an eye on the clock."""
@@ -293,8 +305,11 @@ class Adherence(ABC):
         """Make a path of states (T, n) a polyline that stays on the manifold, and prove that it is free.
 
         Rejects also a segment whose middle finds its way to the manifold elsewhere than between its ends, which is how
-        a jump between two sheets of a manifold shows.
+        a jump between two sheets of a manifold shows. Where joints turn the path comes out continuous, from its first
+        state on: those given may be whole turns away from their neighbours.
         """
+        if self.turns is not None:
+            states = self.turns.unwrapped(states)
         self.counters.projections += len(states)
         self.deadline.look()
         states, converged = brought_back(self.constraint, states)
@@ -332,7 +347,7 @@ class Adherence(ABC):
         """How bodies move along chords, and how fast along typical ones: random steps in the tangent space."""
         displacement, rng = Displacement(self.validity.robot, self.parameters.native), np.random.default_rng(0)
         Q, converged = self.constraint.project_batch(
-            rng.uniform(self.lower, self.upper, (2 * _TYPICAL, self.dimension))
+            rng.uniform(*self.validity.robot.box, (2 * _TYPICAL, self.dimension))
         )
         Q = Q[converged & np.isfinite(Q).all(axis=1)][:_TYPICAL]
         rates = [displacement.rates(np.stack([q, q + self._tangent_step(q, rng)]))[0] for q in Q]
@@ -400,7 +415,13 @@ class Adherence(ABC):
 
     def _inside(self, q: ca.SX) -> ca.SX:
         """Expression: 1 when q is within the bounds."""
-        return ca.logic_and(ca.mmin(q - self.lower) >= 0, ca.mmin(self.upper - q) >= 0)
+        if self.turns is None:
+            return ca.logic_and(ca.mmin(q - self.lower) >= 0, ca.mmin(self.upper - q) >= 0)
+        limited = np.flatnonzero(np.isfinite(self.lower) & np.isfinite(self.upper)).tolist()
+        if not limited:
+            return ca.SX(1)
+        low, high = self.lower[limited], self.upper[limited]
+        return ca.logic_and(ca.mmin(q[limited] - low) >= 0, ca.mmin(high - q[limited]) >= 0)
 
 
 def length(v: np.ndarray) -> float:

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from itertools import compress, pairwise
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence
 from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
+from pipeline.planners.tree import index
 from pipeline.samplers.base import Sampler
 
 _UNVISITED, _OPEN, _CLOSED = 0, 1, 2
@@ -117,7 +117,7 @@ class FmtStar(Planner):
             found += list(proposals[free])
             if sampler.informed:
                 current = sampler.onward.copy()
-                ended = np.flatnonzero(np.linalg.norm(current - targets, axis=1) <= self.arrive)
+                ended = np.flatnonzero(space.apart(current - targets) <= self.arrive)
                 spread = self._random_free(space, sampler, len(ended), clock)
                 current[ended[: len(spread)]] = spread
         return np.array(found[: self.samples])
@@ -260,17 +260,18 @@ class _Wave:
         self.cost, self.reach = (np.append(values, np.full(new, np.inf)) for values in (self.cost, self.reach))
         self.state = np.append(self.state, np.full(new, _UNVISITED, np.int8))
         self.parent = np.append(self.parent, np.full(new, -1))
-        self.ahead = np.linalg.norm(self.q - self.q[_GOAL], axis=1)  # the straight line to the goal
+        self.ahead = self.space.apart(self.q - self.q[_GOAL])  # the straight line to the goal
         d = self.space.constraint.manifold_dimension
         # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, but d is the dimension of the manifold.
         k = max(int(np.ceil((2 * self.radius_multiplier) ** d * (np.e / d) * np.log(self.count))), 1)
         k = min(k + 1, self.count)
         distances, neighbours = np.empty((self.count, k)), np.empty((self.count, k), int)
-        tree, most = cKDTree(self.q), max(_ENTRIES // (8 * k), 1)
+        turns, most = self.space.turns, max(_ENTRIES // (8 * k), 1)
+        tree, places = index(self.q, turns), self.q if turns is None else turns.folded(self.q)
         for first in range(0, self.count, most):
             self.space.deadline.look()
             rows = slice(first, first + most)
-            found = tree.query(self.q[rows], k=k)
+            found = tree.query(places[rows], k=k)
             distances[rows], neighbours[rows] = (part.reshape(-1, k) for part in found)
         self.space.counters.nearest_queries += self.count
         self.neighbours, self.distances = neighbours[:, 1:], distances[:, 1:]
@@ -328,7 +329,7 @@ class _Wave:
         lost = self._below(x)
         near = self.neighbours[x]
         tree = near[(self.state[near] != _UNVISITED) & ~np.isin(near, lost)]
-        order = tree[np.argsort(self.cost[tree] + np.linalg.norm(self.q[tree] - self.q[x], axis=1), kind="stable")]
+        order = tree[np.argsort(self.cost[tree] + self.space.apart(self.q[tree] - self.q[x]), kind="stable")]
         holds, ways = self._connect(order[:_TRIES], np.full(len(order[:_TRIES]), x))
         for y, way in zip(order[:_TRIES][holds].tolist(), ways[holds].tolist(), strict=True):
             walk = self.space.traverse(self.q[y], self.q[x])

@@ -24,7 +24,6 @@ from ompl import util as ou
 
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
-from pipeline.manifolds import Adherence
 from pipeline.planners.base import PlanResult, PlanStatus, Problem, Termination
 
 _log = logging.getLogger(__name__)
@@ -144,6 +143,9 @@ class OmplPlanner:
         `counters.projections` is exact where `project` is overridden; otherwise it is the values less the Jacobians,
         because a Newton iteration ends on a value: that counts every test for the manifold as a projection.
 
+        OMPL's spaces are R^n: where joints turn, the goal is put at the turns nearest to the start, and their variables
+        are bounded half a turn beyond both. A way round that needs more than that is not found.
+
         Raises:
             ProblemError: the start or goal is invalid (see `Problem.check`).
             ConfigError: an iteration limit for a planner that only a clock can stop.
@@ -151,6 +153,7 @@ class OmplPlanner:
         if self.planner in _THREADED and termination.max_iterations is not None:
             raise ConfigError(f"{self.planner} has a second thread and ends by time_limit only; empty max_iterations")
         problem.check()
+        problem = _flat(problem)
         problem.adherence.reset()
         calls = self.callbacks = Callbacks()
         with _silent():
@@ -174,12 +177,13 @@ class OmplPlanner:
 
         Some may be off the manifold, in collision or outside the bounds: planners drop these.
         """
+        problem = _flat(problem)
         dimension, calls = problem.adherence.dimension, Callbacks()
         with _silent():
             ou.RNG.setSeed(max(1, int(np.random.SeedSequence(seed).generate_state(1)[0])))
-            space = self._space(problem.adherence, calls)
+            space = self._space(problem, calls)
             information = _SPACES[self.space][1](space)
-            information.setStateValidityChecker(_checker(problem.adherence, calls, self.stand_ins))
+            information.setStateValidityChecker(_checker(problem, calls, self.stand_ins))
             information.setup()
             self._anchor(space, *(_state(space, q) for q in (problem.start, problem.goal)))
             sampler, state, drawn = space.allocStateSampler(), space.allocState(), np.empty((count, dimension))
@@ -194,9 +198,9 @@ class OmplPlanner:
         """Return status, path (T, n), time [s] and number of charts. Everything is made anew, nothing outlives it."""
         dimension, charted = problem.adherence.dimension, self.space != "projection"
         path, charts = np.empty((0, dimension)), 0
-        space = self._space(problem.adherence, calls)
+        space = self._space(problem, calls)
         information = _SPACES[self.space][1](space)
-        information.setStateValidityChecker(_checker(problem.adherence, calls, self.stand_ins))
+        information.setStateValidityChecker(_checker(problem, calls, self.stand_ins))
         information.setup()
         start, goal = _state(space, problem.start), _state(space, problem.goal)
         definition = ob.ProblemDefinition(information)
@@ -222,9 +226,10 @@ class OmplPlanner:
         elapsed = time.perf_counter() - begin
         return (PlanStatus.SOLVED if len(path) else _unsolved(termination, calls, elapsed)), path, elapsed, charts
 
-    def _space(self, adherence: Adherence, calls: Callbacks) -> Any:
+    def _space(self, problem: Problem, calls: Callbacks) -> Any:
+        adherence = problem.adherence
         ambient, bounds = ob.RealVectorStateSpace(adherence.dimension), ob.RealVectorBounds(adherence.dimension)
-        for joint, (low, high) in enumerate(zip(adherence.lower.tolist(), adherence.upper.tolist(), strict=True)):
+        for joint, (low, high) in enumerate(_bounds(problem)):
             bounds.setLow(joint, low)
             bounds.setHigh(joint, high)
         ambient.setBounds(bounds)
@@ -314,10 +319,10 @@ def _state(space: Any, q: np.ndarray) -> Any:
     return state
 
 
-def _checker(adherence: Adherence, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:
+def _checker(problem: Problem, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:
     """OMPL checks joint limits nowhere on a walk: they are part of validity here."""
-    bounds = tuple(zip(range(adherence.dimension), adherence.lower.tolist(), adherence.upper.tolist(), strict=True))
-    free = adherence.validity.free if stand_ins is None else stand_ins[1].free
+    bounds = tuple((i, low, high) for i, (low, high) in enumerate(_bounds(problem)))
+    free = problem.adherence.validity.free if stand_ins is None else stand_ins[1].free
 
     def valid(state: Any) -> bool:
         calls.states += 1
@@ -325,6 +330,21 @@ def _checker(adherence: Adherence, calls: Callbacks, stand_ins: tuple[Any, Any] 
         return all(low <= q[i] <= high for i, low, high in bounds) and free(np.array(q))
 
     return valid
+
+
+def _flat(problem: Problem) -> Problem:
+    """Return the problem with its goal at the turns nearest to the start."""
+    turns = problem.adherence.turns
+    return problem if turns is None else replace(problem, goal=turns.nearest(problem.goal, problem.start))
+
+
+def _bounds(problem: Problem) -> list[tuple[float, float]]:
+    """Return the bounds of every variable: its limits; of one that turns, half a turn beyond start and goal."""
+    low, high = problem.adherence.lower, problem.adherence.upper
+    ends = np.stack([problem.start, problem.goal])
+    low = np.where(np.isfinite(low), low, ends.min(axis=0) - np.pi)
+    high = np.where(np.isfinite(high), high, ends.max(axis=0) + np.pi)
+    return list(zip(low.tolist(), high.tolist(), strict=True))
 
 
 def _joined(states: np.ndarray, problem: Problem) -> np.ndarray:

@@ -47,7 +47,7 @@ class RrtConnect(Planner):
     ) -> tuple[PlanStatus, np.ndarray | None]:
         space = problem.adherence
         longest = max(int(self.range / space.parameters.step), 1)
-        trees = (Tree(*problem.all_starts), Tree(*problem.all_goals))
+        trees = (Tree(*problem.all_starts, turns=space.turns), Tree(*problem.all_goals, turns=space.turns))
         current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
         if self.direct and not clock.iterations:  # a search anew would find the same path
             path = self._straight(space, trees, problem.goal)

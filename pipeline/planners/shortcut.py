@@ -9,7 +9,7 @@ from pipeline.planners.base import path_length
 def shortcut(
     space: Adherence, path: np.ndarray, rng: np.random.Generator, attempts: int, until: float = np.inf
 ) -> np.ndarray:
-    """Return a path (T, n) with the same ends that is never longer.
+    """Return a path (T, n) with the same ends that is never longer; where joints turn, the end may be turns away.
 
     Each attempt walks on the manifold between two random states of the path; a shorter way that holds at the finer
     resolution replaces the states in between.
@@ -46,5 +46,6 @@ def _shorter(space: Adherence, path: np.ndarray, rng: np.random.Generator) -> np
         return path
     refined = space.refine(way)
     if refined.invalid is None and path_length(refined.states) < path_length(path[i : j + 1]):
-        return np.concatenate([path[:i], refined.states, path[j + 1 :]])
+        states = np.concatenate([path[:i], refined.states, path[j + 1 :]])
+        return states if space.turns is None else space.turns.unwrapped(states)
     return path

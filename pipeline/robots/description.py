@@ -227,17 +227,23 @@ def float_base(root: ET.Element, bounds: Mapping[str, Sequence[float]]) -> None:
         before = after
 
 
-def bound_continuous(root: ET.Element, bound: float) -> None:
-    """Give continuous joints limits of -bound and bound [rad]: configurations are points of R^n here."""
+def bound_continuous(root: ET.Element, bound: float) -> tuple[str, ...]:
+    """Make continuous joints revolute, with limits of -bound and bound [rad]: pinocchio has them as points of a circle.
+
+    Returns the names of these joints.
+    """
+    names = []
     for joint in root.findall("joint"):
         if joint.get("type") != "continuous":
             continue
+        names.append(str(joint.get("name")))
         joint.set("type", "revolute")
         limit = joint.find("limit")
         if limit is None:
             limit = ET.SubElement(joint, "limit", effort="0.0", velocity="1.0")
         limit.set("lower", repr(-bound))
         limit.set("upper", repr(bound))
+    return tuple(names)
 
 
 @dataclass(frozen=True)

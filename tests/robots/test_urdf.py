@@ -205,11 +205,16 @@ def tiny(tmp_path: Path, text: str = TINY, **settings) -> UrdfRobot:
     return replace(UrdfRobot(str(path), ("one", "two"), "d", "tiny"), **settings)
 
 
-def test_continuous_joints_get_limits(tmp_path):
-    """A joint without limits turns a whole turn each way unless told otherwise; a file of one's own is enough."""
-    robot = tiny(tmp_path).robot()
-    np.testing.assert_allclose(robot.upper, [1, 2 * np.pi])
-    np.testing.assert_allclose(tiny(tmp_path, continuous=3.0).robot().lower, [-1, -3])
+def test_continuous_joints_turn_unless_they_get_limits(tmp_path):
+    """A joint without limits turns without end unless it is given some; a file of one's own is enough."""
+    robot, bounded = tiny(tmp_path).robot(), tiny(tmp_path, continuous=3.0).robot()
+    np.testing.assert_array_equal(robot.upper, [1, np.inf])
+    np.testing.assert_array_equal(robot.turning, [False, True])
+    np.testing.assert_allclose(bounded.lower, [-1, -3])
+    assert not bounded.turning.any()
+    swapped = tiny(tmp_path, joints=("two", "one"), rest={"two": 7.0}).robot()
+    np.testing.assert_array_equal(swapped.turning, [True, False])
+    assert swapped.rest[0] == 7.0 and tiny(tmp_path, joints=("one",), fixed={"two": -9.0}).robot().dimension == 1
     assert robot.pose(np.array([0.0, np.pi / 2]), "d").translation == pytest.approx([1, 0, -0.5])
 
 
