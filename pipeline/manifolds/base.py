@@ -415,13 +415,11 @@ class Adherence(ABC):
 
     def _inside(self, q: ca.SX) -> ca.SX:
         """Expression: 1 when q is within the bounds."""
-        if self.turns is None:
-            return ca.logic_and(ca.mmin(q - self.lower) >= 0, ca.mmin(self.upper - q) >= 0)
-        limited = np.flatnonzero(np.isfinite(self.lower) & np.isfinite(self.upper)).tolist()
+        limited = np.flatnonzero(np.isfinite(self.lower)).tolist()  # without joints that turn
         if not limited:
             return ca.SX(1)
-        low, high = self.lower[limited], self.upper[limited]
-        return ca.logic_and(ca.mmin(q[limited] - low) >= 0, ca.mmin(high - q[limited]) >= 0)
+        low, high, kept = self.lower[limited], self.upper[limited], q[limited]
+        return ca.logic_and(ca.mmin(kept - low) >= 0, ca.mmin(high - kept) >= 0)
 
 
 def length(v: np.ndarray) -> float:

@@ -4,7 +4,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity, attach
 from pipeline.robots.description import is_file, resolve
 from pipeline.robots.order import revolute
-from pipeline.robots.turning import TURN, turns_within
+from pipeline.robots.turning import TURN, Turning, turns_within
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
@@ -130,6 +129,8 @@ class _Finder:
         self.turns = turns_on(constraint, robot)
         # Joints with limits between which there is a turn or more: what a goal says of them has several answers.
         self.winding = revolute(robot.model) & ~robot.turning & (robot.upper - robot.lower >= TURN)
+        angles = self.winding if self.turns is None else self.winding | self.turns.mask
+        self.goal_turns = Turning(angles) if angles.any() else None  # what differs by these is one goal
         self.asked = np.full(robot.dimension, np.nan)  # of the goal's joints
         self.notes: list[str] = []
 
@@ -138,8 +139,9 @@ class _Finder:
         offered: list[tuple[int, float, np.ndarray]] = []
         for q in self.find(where, "goal", count, start):
             turned = turns_within(q, self.robot.lower, self.robot.upper, self.winding, start, _OFFERED)
-            kept = [other for other in turned if self.constraint.satisfied(other)] or [q]
-            offered += [(rank, self._distance(other, start), other) for rank, other in enumerate(kept)]
+            inside = [other for other in turned if self.constraint.satisfied(other)]
+            kept = [other for other in inside if np.array_equal(other, q) or not self._on_limit(other)] or [q]
+            offered += [(rank, float(_distances(other, start, self.turns)), other) for rank, other in enumerate(kept)]
         offered.sort(key=lambda one: one[:2])  # of each its nearest turn before any one's next
         return np.array([q for _, _, q in sorted(offered[:_OFFERED], key=lambda one: one[1])])
 
@@ -154,15 +156,15 @@ class _Finder:
         on_limit: list[np.ndarray] = []
         reached: list[np.ndarray] = []
         barren = 0
+        turns = self.goal_turns if name == "goal" else self.turns
         until = time.perf_counter() + max(self.time_limit, _SEARCHED)
         for q in inverse.solutions(self.rng, _TRIES * count, near, _BARREN, until):
-            barren = 0 if self._apart(q, reached) else barren + 1
+            barren = 0 if _apart(q, reached, turns) else barren + 1
             if barren == _BARREN:
                 break
             reached.append(q)
-            if self._apart(q, found) and self.validity.free(q):
-                n = self.arm.dimension
-                if min((q - self.robot.lower)[:n].min(), (self.robot.upper - q)[:n].min()) < _FROM_LIMITS:
+            if _apart(q, found, turns) and self.validity.free(q):
+                if self._on_limit(q):
                     on_limit.append(q)
                     continue
                 found.append(q)
@@ -183,12 +185,10 @@ class _Finder:
             )
         return np.array(found)
 
-    def _apart(self, q: np.ndarray, others: list[np.ndarray]) -> bool:
-        return not others or bool(np.min(self._distance(np.array(others), q)) > _APART)
-
-    def _distance(self, Q: np.ndarray, q: np.ndarray) -> Any:
-        """Return how far configurations Q (..., n) are from q (n,) [rad or m]."""
-        return np.linalg.norm(Q - q, axis=-1) if self.turns is None else self.turns.distances(Q, q)
+    def _on_limit(self, q: np.ndarray) -> bool:
+        """Tell whether a joint of the arm is about at one of its limits."""
+        n = self.arm.dimension
+        return bool(min((q - self.robot.lower)[:n].min(), (self.robot.upper - q)[:n].min()) < _FROM_LIMITS)
 
     def _target(self, where: Where, name: str) -> Target:
         frame = where.frame or self.robot.tool
@@ -234,6 +234,15 @@ class _Finder:
                 raise ProblemError(outside)
             self.notes.append(f"{outside}: taken at the limit")
         return kept
+
+
+def _distances(Q: np.ndarray, q: np.ndarray, turns: Turning | None) -> np.ndarray:
+    """Return how far configurations Q (..., n) are from q (n,) [rad or m]."""
+    return np.asarray(np.linalg.norm(Q - q, axis=-1)) if turns is None else turns.distances(Q, q)
+
+
+def _apart(q: np.ndarray, others: list[np.ndarray], turns: Turning | None) -> bool:
+    return not others or bool(_distances(np.array(others), q, turns).min() > _APART)
 
 
 def _filled(values: np.ndarray, places: Sequence[int], size: int) -> np.ndarray:
