@@ -48,7 +48,7 @@ class UrdfRobot:
         ignored: further pairs of links that are not checked against each other.
         movable: fixed joints of the file that move after all, by name.
         floating: limits of a floating base's six virtual joints (`description.VIRTUAL`) [m, rad]; empty for a base
-            that stands still.
+            that stands still. Angles whose limits are a turn or more apart turn without end.
         continuous: limit given to continuous joints, in both directions [rad], for what must not wind up (cables). None
             lets them turn without end: an angle and the same angle a turn later are one place.
     """
@@ -102,7 +102,7 @@ class UrdfRobot:
         continuous = bound_continuous(root, np.pi if self.continuous is None else self.continuous)
         endless = set(continuous if self.continuous is None else ())
         if self.floating:
-            float_base(root, self.floating)
+            endless.update(float_base(root, self.floating))
         text = ET.tostring(root, encoding="unicode")
         try:
             model = pin.buildModelFromXML(text)

@@ -218,6 +218,15 @@ def test_continuous_joints_turn_unless_they_get_limits(tmp_path):
     assert robot.pose(np.array([0.0, np.pi / 2]), "d").translation == pytest.approx([1, 0, -0.5])
 
 
+def test_a_base_that_may_face_anywhere_turns(tmp_path):
+    """Of a floating base those angles turn without end whose limits are a turn or more apart."""
+    bounds = {axis: (-1.0, 1.0) for axis in ("x", "y", "z", "yaw", "pitch", "roll")}
+    for yaw, turns in (((-np.pi, np.pi), True), ((0.0, 9.0), True), ((-3.1, 3.1), False)):
+        base = {"joints": ("base_x", "base_yaw", "two"), "floating": {**bounds, "yaw": yaw}}
+        robot = tiny(tmp_path, **base, continuous=2.0).robot()
+        assert robot.turning.tolist() == [False, turns, False] and np.isinf(robot.upper[1]) == turns
+
+
 def test_fixed_joint_can_be_made_movable(tmp_path):
     """A fixed joint named movable turns about its axis, from its new origin, under its new name."""
     movable = {"end": Movable("three", (0, 0, 1), -2.0, 2.0, xyz=(0.2, 0, 0))}
