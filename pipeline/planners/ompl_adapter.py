@@ -14,7 +14,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -96,6 +96,15 @@ class Callbacks:
     projections: int = 0  # only where `project` is overridden
     states: int = 0  # validity
     terminations: int = 0  # most planners ask once per round of their outer loop
+    end: float = field(default=np.inf, compare=False)  # of the search, by time.perf_counter [s]
+
+    def over(self) -> bool:
+        """True when the search has no time left.
+
+        Planners ask that once per round, in which they may walk and project for a second: from then on every state is
+        invalid and every constraint is met, so that walks and projections end at once and nothing more is found.
+        """
+        return time.perf_counter() >= self.end
 
 
 def available_planners() -> tuple[str, ...]:
@@ -214,6 +223,7 @@ class OmplPlanner:
         try:
             self._anchor(space, start, goal)
             ending = planner.solve(self._condition(termination, calls))
+            calls.end = np.inf  # a path found in time is walked once more
             charts = space.getChartCount() if charted else 0
             # bool(ending) is True for approximate solutions as well.
             if ending.getStatus() == ob.PlannerStatus.EXACT_SOLUTION:
@@ -276,10 +286,10 @@ class OmplPlanner:
             return ob.timedPlannerTerminationCondition(termination.time_limit)
         limit = np.inf if termination.max_iterations is None else termination.max_iterations
         duration = np.inf if termination.time_limit is None else termination.time_limit
-        end, clock = time.perf_counter() + duration, time.perf_counter
+        calls.end = time.perf_counter() + duration
 
         def over() -> bool:
-            if calls.terminations >= limit or clock() >= end:
+            if calls.terminations >= limit or calls.over():
                 return True
             calls.terminations += 1
             return False
@@ -297,7 +307,7 @@ class _Ordinary(ob.Constraint):  # type: ignore[misc]  # OMPL has no types
 
     def function(self, x: np.ndarray, out: np.ndarray) -> None:
         self._calls.values += 1
-        out[:] = self._ours.value(x)
+        out[:] = 0.0 if self._calls.over() else self._ours.value(x)
 
     def jacobian(self, x: np.ndarray, out: np.ndarray) -> None:
         self._calls.jacobians += 1
@@ -307,6 +317,8 @@ class _Ordinary(ob.Constraint):  # type: ignore[misc]  # OMPL has no types
 class _Projecting(_Ordinary):
     def project(self, x: np.ndarray) -> bool:
         self._calls.projections += 1
+        if self._calls.over():
+            return True
         found = self._ours.project(x)
         x[:] = found.q
         return bool(found.converged)  # a numpy.bool aborts the interpreter
@@ -326,6 +338,8 @@ def _checker(problem: Problem, calls: Callbacks, stand_ins: tuple[Any, Any] | No
 
     def valid(state: Any) -> bool:
         calls.states += 1
+        if calls.over():
+            return False
         q = [state[i] for i, _, _ in bounds]
         return all(low <= q[i] <= high for i, low, high in bounds) and free(np.array(q))
 

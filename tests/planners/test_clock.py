@@ -5,12 +5,16 @@ import time
 import numpy as np
 import pytest
 
+from pipeline.constraints import plane
+from pipeline.constraints.inverse import InverseKinematics, with_values
 from pipeline.errors import ConfigError
 from pipeline.manifolds import AdherenceParameters, AtlasParameters, Deadline, OutOfTime
 from pipeline.planners import PLANNERS, FmtStar, PlanStatus, Problem, RrtConnect, Termination, path_length, shortcut
+from pipeline.planners.ompl_adapter import OmplPlanner
 from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import METHODS, sphere_space
 from tests.planners.scenes import Scene, scene, solve, space_of
+from tests.robots.named import named
 
 START, GOAL = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 CLOSED = scene(3, 0.0)  # a fence without a gap
@@ -117,3 +121,38 @@ def test_walks_that_could_never_arrive_are_refused():
 def test_charts_arrive_up_to_the_bound(method):
     """With an epsilon just below the step walks in charts do not stall."""
     assert sphere_space(method, step=0.05, epsilon=0.0499).traverse(START, GOAL).reached
+
+
+@pytest.mark.parametrize("space", ["projection", "atlas", "tangent_bundle"])
+@pytest.mark.parametrize("planner", ["RRTConnect", "RRTstar", "FMT"])
+def test_ompl_asks_for_nothing_more_when_its_time_is_over(planner, space, monkeypatch):
+    """After the time limit no constraint is evaluated and no contact asked for, however much OMPL still walks."""
+    ours = space_of(space.replace("_", " "), CLOSED)
+    late, clock, limit = [0], Ticking(monkeypatch), 3000.0
+
+    def counted(ask):
+        def counting(q):
+            late[0] += begun and clock.looks > ended
+            return ask(q)
+
+        return counting
+
+    begun, ended = False, 0.0
+    problem = Problem(ours, CLOSED.start, CLOSED.goal)
+    problem.check()
+    monkeypatch.setattr(problem.adherence.constraint, "value", counted(ours.constraint.value))
+    begun, ended = True, clock.looks + limit + 3
+    result = OmplPlanner(planner, space).plan(problem, Termination(time_limit=limit), 1)
+    assert result.status is PlanStatus.TIME_LIMIT and late == [0] and clock.looks > ended
+
+
+def test_inverse_kinematics_ends_at_its_time(monkeypatch):
+    """Inverse kinematics tries once whatever the time is, and no more when it is over."""
+    robot = named("panda")
+    point = robot.pose(robot.rest, robot.tool).translation
+    inverse = InverseKinematics(robot, plane(robot, robot.tool, point), with_values([(0, 0.2)]))
+    for until, tries in ((0.0, 1), (3.0, 3), (np.inf, 20)):
+        Ticking(monkeypatch)
+        found = list(inverse.solutions(np.random.default_rng(0), 20, robot.rest, until=until))
+        monkeypatch.undo()
+        assert inverse.tried == tries and found
