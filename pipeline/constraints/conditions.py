@@ -65,6 +65,12 @@ class Condition:
         """True when every row of g(q) is at least 0, or the margin."""
         return bool(self._least(q)[0][0] >= self._margin)
 
+    def reason(self, q: np.ndarray) -> str:
+        """Return why q (n,) does not meet it: its worst row, by how much, and the bound."""
+        slack = self.slack(q)
+        worst = int(np.argmin(slack))
+        return f"not meeting {self.name}: {self.labels[worst]} by {slack[worst]:.3g}, at least {self._margin:.3g}"
+
     def slack(self, q: np.ndarray) -> np.ndarray:
         """Return g(q) (k,)."""
         return self._slack(q)[0].copy()

@@ -7,6 +7,7 @@ from pipeline.environments.corridor import PenCorridors
 from pipeline.environments.door import DoorOpening
 from pipeline.environments.reach import BalancedReach
 from pipeline.environments.task import Family
+from pipeline.environments.thicket import Thicket
 from pipeline.environments.torus import Mazes
 from pipeline.environments.transport import UprightTransport
 from pipeline.environments.tray import TwoArmTray
@@ -20,6 +21,7 @@ _OF_ROBOTS: dict[str, Callable[[Robot], Family]] = {
     "tray": TwoArmTray,
     "reach": BalancedReach,
     "corridor": PenCorridors,
+    "thicket": Thicket,
 }
 KINDS = (*_OF_ROBOTS, "maze")
 

@@ -94,6 +94,12 @@ class TorusMaze:
             or self._dark(row + high, column + wide)
         )
 
+    def reason(self, q: np.ndarray) -> str:
+        """Return which pixel the point q (3,) is over, for messages."""
+        row, column = self.pixel(q)
+        near = f" or within {self.margin:.3g} m of one" if self.margin else ""
+        return f"not meeting {self.name}: over pixel ({row}, {column}), a wall{near}"
+
     def first_gap(self, states: np.ndarray) -> int | None:
         """Return the first chord of a path (T, 3) that is not proven to pass over bright pixels only, margin aside."""
         for i in range(len(states) - 1):

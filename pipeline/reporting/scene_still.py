@@ -23,6 +23,7 @@ _OBSTACLES = ("#8A8F98", "#A3A8B0", "#73777F", "#B9BDC4")  # in turns: seen from
 _BETWEENS = 4  # configurations drawn pale between start and goal
 _AROUND = 0.4  # how much of what stands around is shown, in sizes of what the robot passes through
 _PIXELS = (900, 800)
+_FRAME = 10  # background left around what is shown [pixels]
 _SIDES = tuple((x, y, 0.45) for x in (0.55, -0.55) for y in (-0.7, 0.7))  # of these the one that shows most
 _ABOVE: dict[str, Any] = {"name": "from above", "direction": (0, 0, 1), "up": (1, 0, 0)}
 _AWAY = 20.0  # where the camera is, for what hides the robot [m]
@@ -78,7 +79,7 @@ def draw_path(
             axes.set_title(view["name"], fontsize=9)
             axes.set_axis_off()
             if images is not None:
-                axes.imshow(images[k])
+                axes.imshow(cropped(images[k]))
             else:
                 _flat(axes, everything, way, view, low, high)
         looks = {"start": _START, "goal": _GOAL}
@@ -88,6 +89,15 @@ def draw_path(
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
         save(figure, file)
     return "matplotlib" if images is None else "VTK"
+
+
+def cropped(image: np.ndarray) -> np.ndarray:
+    """Return the part of an image (h, w, 3 or 4) that shows something, with a little of the background around it."""
+    rows, columns = np.nonzero((image[..., :3] != image[0, 0, :3]).any(axis=2))
+    if not len(rows):
+        return image
+    box = [slice(max(int(at.min()) - _FRAME, 0), int(at.max()) + _FRAME + 1) for at in (rows, columns)]
+    return image[box[0], box[1]]
 
 
 def clearest(

@@ -40,6 +40,10 @@ class Condition(Protocol):
         """True when q (n,) meets it."""
         ...
 
+    def reason(self, q: np.ndarray) -> str:
+        """Return why q (n,) does not meet it, with value and bound."""
+        ...
+
     def first_gap(self, states: np.ndarray) -> int | None:
         """Return the first chord of a path (T, n) along which it is not met, margins aside; None when all are."""
         ...
@@ -188,9 +192,8 @@ class Validity:
     def reason(self, q: np.ndarray) -> str:
         """Return why q (n,) is not free, for messages: each pair with its own distance."""
         pairs = ", ".join(map(str, self._too_near(q)))
-        failing = [getattr(c, "name", "a condition") for c in self.conditions if not c.holds(q)]
         parts = [f"in collision: {pairs}"] if pairs else []
-        return "; ".join(parts + [f"not meeting {name}" for name in failing]) or "free"
+        return "; ".join(parts + [c.reason(q) for c in self.conditions if not c.holds(q)]) or "free"
 
     def clearance(self, q: np.ndarray) -> float:
         """Return the distance from the robot at q (n,) to the nearest obstacle [m]; negative inside, inf without any.

@@ -64,6 +64,9 @@ def test_balance_is_part_of_validity():
     leaning = robot.rest.copy()
     leaning[0] += 0.55  # the base forward, feet and all: the polygon stays where it was
     assert Validity(robot, []).free(leaning) and not validity.free(leaning)
+    least = condition.slack(leaning).min()
+    assert "not meeting balance: centre of mass inside edge" in validity.reason(leaning)
+    assert f"by {least:.3g}, at least 0" in validity.reason(leaning)
 
 
 def test_margin_may_be_as_large_as_a_circle_in_the_polygon():

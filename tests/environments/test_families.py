@@ -8,6 +8,7 @@ from pipeline.environments.families import KINDS, make_family
 from pipeline.environments.task import Joined, Level, OnPlane, OnTorus, Pinned, Task, two_ends
 from pipeline.errors import ConfigError
 from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
+from pipeline.robots import Shape
 from tests.robots.named import named
 from tests.robots.test_arms_validity import plain
 from tests.robots.worlds import differences
@@ -18,6 +19,7 @@ ROBOT_OF = {
     "tray": "baxter_both",
     "reach": "pholus",
     "corridor": "panda",
+    "thicket": "panda",
     "maze": None,
 }
 SMALL = {"rows": 4, "columns": 6}
@@ -140,6 +142,16 @@ def test_mass_is_over_the_feet(tasks):
             assert (mass[:2] < feet[:, :2].max(axis=0) - 0.019).all()
 
 
+def test_sticks_touch_their_table(tasks):
+    """A stick is in the table at both ends, no deeper than 2 mm; its brackets are closed meshes, and not convex."""
+    for task in tasks["thicket"]:
+        contact = task.validity().deepest_contact(np.array([task.start, task.goal]))
+        assert contact is not None and (contact.first, contact.second) == ("stick", "table")
+        assert 0 < contact.depth < 0.002
+        brackets = [o.body_shape() for o in task.obstacles if o.shape is Shape.MESH]
+        assert brackets and all(not shape.open and not shape.convex for shape in brackets)
+
+
 def test_two_ends_are_apart():
     """The first accepted draw is the start; the goal is accepted and far enough; None when draws run out."""
     draws = iter([np.array([[0.0], [1.0]]), np.array([[1.2], [5.0]]), np.array([[2.5]])])
@@ -152,7 +164,7 @@ def test_bad_families():
     """Unknown kinds, missing and superfluous robots, parameters and unfit robots are refused by name."""
     panda = named("panda")
     for kind, robot, parameters, message in (
-        ("dors", panda, {}, "transport, door, tray, reach, corridor, maze"),
+        ("dors", panda, {}, "transport, door, tray, reach, corridor, thicket, maze"),
         ("door", None, {}, "'door' needs a robot"),
         ("maze", panda, {}, "'maze' takes no robot"),
         ("door", panda, {"rows": 3}, "takes no parameters; it was given rows"),

@@ -26,7 +26,7 @@ from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.roboplan_peer import GEOMETRY, RoboplanParameters, RoboplanPeer, load_roboplan
 from pipeline.evaluation.soak import Load, Soak, soak_shard, soak_table, wrong
 from pipeline.evaluation.upkeep import Maintained, Upkeep, maintain
-from pipeline.reporting.arms_page import arms_page
+from pipeline.reporting.arms_page import arms_page, glance
 from pipeline.reporting.soak_page import soak_page
 
 UNPROVEN = "ours, projection, without proof"
@@ -141,6 +141,9 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert (own["peer"], by_ours["peer"], own["ours, projection"], by_ours["ours, projection"]) == (90, 50, 100, 100)
     assert table.loc["ours, projection", "time median [ms]"] == pytest.approx(5.5)
     assert table.loc["peer", "length median"] == pytest.approx(15)  # of those verified by its own geometry
+    assert glance(synthetic()).to_numpy().tolist() == [
+        ["Panda, a level hand among 15 to 40 bodies", "5.50 ms (100 %)", "55.0 ms (90 %), peer", "–", 10]
+    ]
     (line,) = ratio_lines(synthetic())
     assert line.startswith("transport_panda: 10x faster than peer at the median, 10x at p95, n = 10")
     named = pd.concat([synthetic().replace("peer", ORDINARY), synthetic()[::2].replace("ours, projection", UNPROVEN)])
