@@ -42,6 +42,7 @@ class Station:
 
 STATIONS = {
     "panda": Station((0.0, 0.0), (-1.3, 1.3), (0.38, 0.8), 0.0),
+    "kinova": Station((0.0, 0.0), (-1.3, 1.3), (0.3, 0.65), 0.0),
     "baxter_right": Station((0.06, -0.26), (-1.1, 0.8), (0.45, 1.0), -0.15, edge=0.16),
 }
 

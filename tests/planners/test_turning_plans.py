@@ -27,18 +27,11 @@ from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import METHODS, make
 from tests.planners.scenes import PLANNERS
 from tests.robots.crane import CRANE
+from tests.robots.named import named
 
 POST = Obstacle(Shape.BOX, (-0.75, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), (0.1, 0.1, 0.4), name="post")
 SEARCHES = {**PLANNERS, "fmt": FmtStar(samples=150), "dynamic domain": DynamicDomainRrtConnect()}
 KINDS = list(product(SEARCHES, METHODS))
-KINOVA = UrdfRobot(
-    urdf="package://example-robot-data/robots/kinova_description/robots/kinova.urdf",
-    srdf="package://example-robot-data/robots/kinova_description/srdf/kinova.srdf",
-    joints=tuple(f"j2s6s200_joint_{i}" for i in range(1, 7)),
-    tool="j2s6s200_end_effector",
-    name="kinova",
-    rest={"j2s6s200_joint_2": 2.9, "j2s6s200_joint_3": 1.3, "j2s6s200_joint_5": 1.4},
-)
 
 
 def crane(folder: Path, method: str, obstacles: tuple[Obstacle, ...] = (), **settings) -> Adherence:
@@ -174,7 +167,7 @@ def test_ompl_gets_the_goal_at_its_nearest_turn(space, tmp_path):
 @pytest.mark.parametrize("kind", ["rrtconnect", "fmt"])
 def test_an_arm_of_continuous_joints(kind):
     """Kinova's arm, three joints of which turn, crosses half a turn of them, with its hand at one height."""
-    robot = KINOVA.robot()
+    robot = named("kinova")
     np.testing.assert_array_equal(robot.turning, [True, False, False, True, False, True])
     q = np.array(robot.rest)
     q[[0, 3, 5]] = 2.9, 3.0, 3.05

@@ -17,7 +17,16 @@ from pipeline.schema import Choice
 from tests.robots.named import FOLDER, ROBOT_NAMES, configurations, named
 
 SHARE = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
-DIMENSIONS = {"baxter_right": 7, "baxter_both": 14, "panda": 7, "sawyer": 7, "olivia": 17, "pholus": 41, "ur5": 6}
+DIMENSIONS = {
+    "baxter_right": 7,
+    "baxter_both": 14,
+    "panda": 7,
+    "sawyer": 7,
+    "olivia": 17,
+    "pholus": 41,
+    "ur5": 6,
+    "kinova": 6,
+}
 FRAMES = {
     "baxter_right": ["right_gripper", "right_lower_elbow"],
     "baxter_both": ["left_gripper", "right_gripper"],
@@ -26,6 +35,7 @@ FRAMES = {
     "olivia": ["left_palm", "right_palm"],
     "pholus": ["ball1", "ball2", "contact_1", "contact_2", "contact_3", "contact_4"],
     "ur5": ["tool0", "forearm_link"],
+    "kinova": ["j2s6s200_end_effector", "j2s6s200_link_3"],
 }
 
 
@@ -36,10 +46,11 @@ def test_every_config_is_tested():
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_rests_free(name):
-    """Every named robot has its number of joints, finite limits and velocities, and rests valid within its limits."""
+    """Every named robot has its joints, velocities, limits where joints do not turn, and rests valid within them."""
     robot = named(name)
     assert robot.dimension == DIMENSIONS[name] == len(robot.joint_names)
-    assert np.isfinite([robot.lower, robot.upper]).all() and (robot.velocity > 0).all()
+    np.testing.assert_array_equal(np.isfinite([robot.lower, robot.upper]), [~robot.turning] * 2)
+    assert np.isfinite(robot.box).all() and (robot.velocity > 0).all()
     validity = Validity(robot, [])
     assert validity.valid(robot.rest)
     # A floating base and twenty leg joints anywhere mostly put legs into each other.
