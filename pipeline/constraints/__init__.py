@@ -8,6 +8,7 @@ from pipeline.constraints.feasibility import feasible
 from pipeline.constraints.poses import closed_chain, height, intersection, line, plane, pose, position, upright
 from pipeline.constraints.regions import Chain, TaskSpaceRegion, chain
 from pipeline.constraints.sphere import sphere_constraint
+from pipeline.constraints.turns import turns_on
 
 __all__ = [
     "Chain",
@@ -29,5 +30,6 @@ __all__ = [
     "pose",
     "position",
     "sphere_constraint",
+    "turns_on",
     "upright",
 ]

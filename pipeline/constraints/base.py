@@ -149,10 +149,10 @@ class Constraint:
     def value_batch(self, Q: np.ndarray) -> np.ndarray:
         """Return F of every row of Q (N, n) as (N, k)."""
         found = np.empty((len(Q), self.k))
-        for first in range(0, len(Q), self._block):
-            block = Q[first : first + self._block]
+        for first in range(0, len(Q), self.block):
+            block = Q[first : first + self.block]
             self._value_block.arguments[0][: len(block)] = block
-            found[first : first + self._block] = self._value_block.evaluate()[0].reshape(-1, self.k)[: len(block)]
+            found[first : first + self.block] = self._value_block.evaluate()[0].reshape(-1, self.k)[: len(block)]
         return found
 
     def project_batch(
@@ -167,8 +167,8 @@ class Constraint:
         most = self.max_iterations if iterations is None else iterations
         Q = np.array(Q, float)
         converged = np.zeros(len(Q), bool)
-        for first in range(0, len(Q), self._block):
-            rows = slice(first, min(first + self._block, len(Q)))
+        for first in range(0, len(Q), self.block):
+            rows = slice(first, min(first + self.block, len(Q)))
             count = rows.stop - rows.start
             block = self._step_block
             block.arguments[0][:count] = Q[rows]
@@ -220,16 +220,17 @@ class Constraint:
         return Compiled(self._newton_function, self._machine)
 
     @cached_property
-    def _block(self) -> int:
+    def block(self) -> int:
+        """How many configurations a batch takes at a time."""
         return int(np.clip(_INSTRUCTIONS // self._newton_function.n_instructions(), 4, _BLOCK))
 
     @cached_property
     def _step_block(self) -> Compiled:
-        return Compiled(self._newton_function.map(self._block), self._machine)
+        return Compiled(self._newton_function.map(self.block), self._machine)
 
     @cached_property
     def _value_block(self) -> Compiled:
-        return Compiled(self.function.map(self._block), self._machine)
+        return Compiled(self.function.map(self.block), self._machine)
 
     @cached_property
     def _newton_function(self) -> ca.Function:

@@ -1,5 +1,6 @@
 """Inverse kinematics on a manifold: configurations that meet a constraint and put a frame or joints somewhere."""
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 
 import casadi as ca
@@ -9,6 +10,7 @@ import pinocchio as pin
 from pipeline.constraints.base import Constraint
 from pipeline.constraints.compiled import compiled
 from pipeline.constraints.regions import TaskSpaceRegion
+from pipeline.constraints.turns import turns_on
 from pipeline.robots import Robot
 from pipeline.robots.symbolic import constant, rotation_vector
 
@@ -58,7 +60,7 @@ class InverseKinematics:
         q = ca.SX.sym("q", robot.dimension)
         rows = ca.vertcat(constraint.function(q), target(q))
         self._rows = compiled("rows", [q], [rows, ca.jacobian(rows, q).T])
-        self.robot, self.constraint = robot, constraint
+        self.robot, self.constraint, self.turns = robot, constraint, turns_on(constraint, robot)
         self.tried = 0  # by `solutions`
         self.nearest: tuple[float, float] | None = None  # of all tries: ||rows|| of the target, and of the constraint
 
@@ -86,21 +88,27 @@ class InverseKinematics:
             self.nearest = target, constraint
 
     def solutions(
-        self, rng: np.random.Generator, tries: int, near: np.ndarray | None = None, patience: int | None = None
+        self,
+        rng: np.random.Generator,
+        tries: int,
+        near: np.ndarray | None = None,
+        patience: int | None = None,
+        until: float = np.inf,
     ) -> Iterator[np.ndarray]:
         """Yield configurations (n,); every other try starts near `near`, at first exactly there, the rest anywhere.
 
-        Ends after `tries` tries, or `patience` in a row that arrive nowhere; `tried` counts them.
+        Ends after `tries` tries, `patience` in a row that arrive nowhere, or, from the second try on, at a time `until`
+        by time.perf_counter() [s]; `tried` counts them.
         """
         self.tried = failed = 0
         for i in range(tries):
-            if failed == patience:
+            if failed == patience or (i and time.perf_counter() >= until):
                 return
             self.tried = i + 1
-            start = rng.uniform(self.robot.lower, self.robot.upper)
+            start = rng.uniform(*self.robot.box)
             if near is not None and i % 2 == 0:
                 start = near + _NOISE * min(i / 10, 3.0) * rng.normal(size=len(near))
             found = self.solve(start)
             failed = failed + 1 if found is None else 0
             if found is not None:
-                yield found
+                yield found if self.turns is None else self.turns.canonical(found)

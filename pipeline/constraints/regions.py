@@ -159,7 +159,8 @@ class Chain:
     """A chain of regions as a virtual-link manipulator, and the robot that holds its end.
 
     Configurations of `robot` are those of the arm followed by the values of all dimensions that are not fixed, which
-    have the regions' bounds as joint limits. F has 6 rows: the hand is where the chain ends.
+    have the regions' bounds as joint limits, or turn without end where an angle is free. F has 6 rows: the hand is
+    where the chain ends.
 
     Attributes:
         robot: the arm with the chain's virtual joints.
@@ -180,7 +181,8 @@ class Chain:
         """
         n, constraint = self.arm, self.constraint
         low, high = self.robot.lower[n:], self.robot.upper[n:]
-        begin = np.clip((low + high) / 2 if guess is None else guess, low, high)
+        middle = np.zeros(len(low)) if self.robot.rest is None else self.robot.rest[n:]
+        begin = np.clip(middle if guess is None else guess, low, high)
 
         def whole(x: np.ndarray) -> np.ndarray:
             return np.concatenate([q_arm, x])
@@ -219,9 +221,10 @@ def chain(
             if low == high:
                 before = before * _step(axis, low)
                 continue
-            if axis >= 3 and region.free[axis]:
+            turns = axis >= 3 and region.free[axis]
+            if turns:
                 low, high = finite_turn(low, high)
-            links.append(VirtualJoint(direction, before, low, high, f"{end}_{AXES[axis]}"))
+            links.append(VirtualJoint(direction, before, low, high, f"{end}_{AXES[axis]}", turns))
             before = pin.SE3.Identity()
         before = before * region.offset.se3()
         links.append(VirtualFrame(before, end))

@@ -42,6 +42,7 @@ class Station:
 
 STATIONS = {
     "panda": Station((0.0, 0.0), (-1.3, 1.3), (0.38, 0.8), 0.0),
+    "kinova": Station((0.0, 0.0), (-1.3, 1.3), (0.3, 0.65), 0.0),
     "baxter_right": Station((0.06, -0.26), (-1.1, 0.8), (0.45, 1.0), -0.15, edge=0.16),
 }
 
@@ -125,7 +126,7 @@ def _scene(rng: np.random.Generator, station: Station, shelf: bool) -> Iterator[
 
 
 def _draw(rng: np.random.Generator, robot: Robot, constraint: Constraint) -> np.ndarray:
-    Q, converged = constraint.project_batch(rng.uniform(robot.lower, robot.upper, (50, robot.dimension)))
+    Q, converged = constraint.project_batch(rng.uniform(*robot.box, (50, robot.dimension)))
     return Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
 
 

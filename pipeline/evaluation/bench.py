@@ -119,4 +119,4 @@ def _untrained(config: ModelConfig, robot: Robot, seed: int) -> Model:
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         network = Compnetx(config.network).eval()
-    return Model(config.network, Normalisation(tuple(robot.lower), tuple(robot.upper), config.centre), network)
+    return Model(config.network, Normalisation(tuple(robot.box[0]), tuple(robot.box[1]), config.centre), network)

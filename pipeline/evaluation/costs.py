@@ -234,7 +234,7 @@ def _walks(place: Workplace) -> Iterator[_Part]:
 def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
     robot, constraint = place.environment.robot(), place.environment.constraint()
     checker = place.checker(place.problems["scene"].iloc[0])
-    states, _ = constraint.project_batch(rng.uniform(robot.lower, robot.upper, (4 * place.parts.calls, constraint.n)))
+    states, _ = constraint.project_batch(rng.uniform(*robot.box, (4 * place.parts.calls, constraint.n)))
     free = np.array([checker.free(q) for q in states])
     for name, found in (("free", states[free]), ("colliding", states[~free])):
         yield f"validity, {name}", "check", times_us(checker.free, found[: place.parts.calls])
@@ -246,7 +246,7 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
     yield f"validity, {POINTS} along {_EDGE} m at once", "check", times_us(checker.all_free, edges[:, None]) / POINTS
     rows = [states[i : i + _BATCH] for i in range(0, len(states) - _BATCH + 1, _BATCH)]
     yield f"validity, {_BATCH} in one call", "check", times_us(checker.free_rows, rows) / _BATCH
-    random = rng.uniform(robot.lower, robot.upper, (place.parts.calls, _BATCH, constraint.n))
+    random = rng.uniform(*robot.box, (place.parts.calls, _BATCH, constraint.n))
     yield "projection of a random configuration", "call", times_us(constraint.project, random[:, 0])
     batches = times_us(constraint.project_batch, random) / _BATCH
     yield f"projection of {_BATCH} random configurations", "row", batches
@@ -259,7 +259,7 @@ def _network(place: Workplace, model: Model, voxels: np.ndarray, rng: np.random.
     # A new key every time: a scene that is known already costs nothing.
     yield "scene encoding", "scene", times_us(lambda _: network.encode(next(keys), voxels), range(place.parts.calls))
     for K in (1, _BATCH, _LEARNED):
-        pairs = rng.uniform(robot.lower, robot.upper, (place.parts.calls, 2, K, robot.dimension))
+        pairs = rng.uniform(*robot.box, (place.parts.calls, 2, K, robot.dimension))
         us = times_us(lambda pair: network.sample(0, pair[0], pair[1], rng), pairs)
         yield f"network sample, K = {K}", "call", us
         yield f"network sample, K = {K}", "sample", us / K

@@ -77,7 +77,7 @@ def costs_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd.D
         free = np.array([validity.free(q) for q in Q])
         for name, group in (("check, free", Q[free]), ("check, colliding", Q[~free])):
             rows.append((label, f"{name}, {len(few.obstacles)} obstacles", *_timed(validity.free, group)))
-        random = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (upkeep.calls, robot.dimension))
+        random = np.random.default_rng(seed).uniform(*robot.box, (upkeep.calls, robot.dimension))
         reached = constraint.project_batch(random)[1]
         blocks = [random[i : i + _BLOCK] for i in range(0, len(random), _BLOCK)]
         times = []

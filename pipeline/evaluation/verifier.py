@@ -106,7 +106,8 @@ def verify(
 ) -> Verdict:
     """Check that a path (T, n) leads from start to goal (n,) on the manifold, within limits and free of contact.
 
-    A path of one state passes where start and goal are that state.
+    A path of one state passes where start and goal are that state. Joints that turn may reach the goal's angle whole
+    turns away.
 
     Raises:
         ConfigError: the validity checker has a margin, so that its verdicts are not about contact.
@@ -163,7 +164,9 @@ class _Check:
         bound = self.parameters.endpoint
         if not (off := float(np.linalg.norm(Q[0] - start))) <= bound:
             return Failure.WRONG_START, _segment(0, Q), f"the path begins {off:.3g} from the start; bound {bound:.3g}"
-        if not (off := float(np.linalg.norm(Q[-1] - goal))) <= bound:
+        turns = self.validity.robot.turns
+        missed = Q[-1] - goal if turns is None else turns.wrapped(Q[-1] - goal)
+        if not (off := float(np.linalg.norm(missed))) <= bound:
             return (
                 Failure.WRONG_GOAL,
                 _segment(len(Q) - 1, Q),

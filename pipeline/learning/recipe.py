@@ -64,5 +64,5 @@ def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> Trained:
         raise ArtifactError("no validation scene has a solved demonstration: nothing to choose a checkpoint by")
     pairs = demonstration_pairs(paths, scenes, recipe.spacing, lambda Q: constraint.project_batch(Q)[0], recipe.reverse)
     data = TrainingData(grids["voxels"].astype(bool), *split_by_scene(pairs, scenes, held_out))
-    normalisation = Normalisation(tuple(robot.lower), tuple(robot.upper), recipe.model.centre)
+    normalisation = Normalisation(tuple(robot.box[0]), tuple(robot.box[1]), recipe.model.centre)
     return train(parameters, recipe.model.network, normalisation, data, scratch)

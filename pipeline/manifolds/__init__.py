@@ -6,6 +6,7 @@ from pipeline.constraints import Constraint
 from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
 from pipeline.manifolds.base import Adherence, AdherenceParameters, Counters, Refined, Stop, Traversal
 from pipeline.manifolds.continuation import AtlasAdherence, TangentBundleAdherence
+from pipeline.manifolds.deadline import Deadline, OutOfTime
 from pipeline.manifolds.polyline import subdivided
 from pipeline.manifolds.projection import ProjectionAdherence
 from pipeline.manifolds.waypoints import dense
@@ -44,6 +45,8 @@ __all__ = [
     "AtlasParameters",
     "Chart",
     "Counters",
+    "Deadline",
+    "OutOfTime",
     "ProjectionAdherence",
     "Refined",
     "Stop",

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.constraints import Constraint
-from pipeline.errors import ConstraintError, require
+from pipeline.errors import ConfigError, ConstraintError, require
 from pipeline.manifolds.base import AdherenceParameters, length
+from pipeline.robots.turning import Turning
 
 _NEAREST = 4  # charts that are asked whether they hold a configuration
 
@@ -16,7 +17,7 @@ class AtlasParameters(AdherenceParameters):
     """Parameters of charts (compnetx.txt, appendix D, where no other source is given).
 
     Attributes:
-        epsilon: largest distance between chart and manifold [rad or m].
+        epsilon: largest distance between chart and manifold, below `step` [rad or m]: a shorter step counts as stalled.
         alpha: largest angle between a chart and a chord to the manifold [rad] (pi/6; the authors' code: pi/16).
         rho: radius of a chart's validity region [rad or m].
         exploration: probability of sampling outside the chart; samples reach rho / (1 - exploration)^(1/d).
@@ -34,6 +35,11 @@ class AtlasParameters(AdherenceParameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         require("adherence.epsilon", self.epsilon, above=0)
+        if not self.epsilon < self.step:
+            raise ConfigError(
+                f"adherence.epsilon is {self.epsilon} and step {self.step}; epsilon must be below the step, or every "
+                "walk in a chart stalls at its first one"
+            )
         require("adherence.alpha", self.alpha, above=0, below=np.pi / 2)
         require("adherence.rho", self.rho, above=0)
         require("adherence.exploration", self.exploration, at_least=0, below=1)
@@ -70,10 +76,15 @@ class Atlas:
     The validity region of eq. (5) is: distance to the chart at most epsilon, angle to it at most alpha, distance from
     its origin at most rho. The paper prints the angle's condition as |u| / |q_i - q_j| < cos(alpha), which holds for
     the invalid side: |u| / |q_i - q_j| is the cosine of the angle, large where the chart is good.
+
+    Args:
+        constraint: of the manifold.
+        parameters: of charts.
+        turns: of joints that turn, whose charts hold what is whole turns away; `seen` puts it into their coordinates.
     """
 
-    def __init__(self, constraint: Constraint, parameters: AtlasParameters) -> None:
-        self.constraint, self.parameters = constraint, parameters
+    def __init__(self, constraint: Constraint, parameters: AtlasParameters, turns: Turning | None = None) -> None:
+        self.constraint, self.parameters, self.turns = constraint, parameters, turns
         self.charts: list[Chart] = []
         self._origins = np.empty((64, constraint.n))
         self._tangents = np.empty((64, constraint.manifold_dimension, constraint.n))
@@ -120,7 +131,7 @@ class Atlas:
         """Return the chart whose validity region and polytope hold q (n,); None without one."""
         if not self.charts:
             return None
-        offsets = q - self.origins
+        offsets = self._apart(q - self.origins)
         squared = np.einsum("ij,ij->i", offsets, offsets)
         # The owner is among the nearest origins; a few bound the search where chords and tangents differ.
         for i in np.argsort(squared, kind="stable")[:_NEAREST].tolist():
@@ -135,9 +146,19 @@ class Atlas:
         """Return the chart that holds q, or a new one there (GetChart of Algorithms 3 and 4)."""
         return self.find(q) or self.add(q)
 
+    def seen(self, chart: Chart, q: np.ndarray, q_to: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return q and q_to (n,), both moved by the turns that bring q nearest to the chart's origin."""
+        if self.turns is None:
+            return q, q_to
+        there = self.turns.nearest(q, chart.origin)
+        return there, q_to + (there - q)
+
+    def _apart(self, offsets: np.ndarray) -> np.ndarray:
+        return offsets if self.turns is None else self.turns.wrapped(offsets)
+
     def in_region(self, chart: Chart, u: np.ndarray, q: np.ndarray) -> bool:
         """True when u (d,) and q = psi(u) (n,) satisfy eq. (5)."""
-        offset = q - chart.origin
+        offset = self._apart(q - chart.origin)
         return self._near(chart, offset) and self._in_region(u, offset)
 
     def _near(self, chart: Chart, offset: np.ndarray) -> bool:
@@ -171,7 +192,7 @@ class Atlas:
         """
         if chart.known == len(self.charts):
             return
-        offsets = self._origins[chart.known : len(self.charts)] - chart.origin
+        offsets = self._apart(self._origins[chart.known : len(self.charts)] - chart.origin)
         walls = offsets @ chart.tangent  # (m, d): the neighbours' origins as this chart sees them
         squared, seen = np.einsum("ij,ij->i", offsets, offsets), np.einsum("ij,ij->i", walls, walls)
         near = (squared < (2 * self.parameters.rho) ** 2) & (seen >= self._cosine**2 * squared)

@@ -16,9 +16,10 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Constraint
+from pipeline.constraints import Constraint, turns_on
 from pipeline.errors import ConfigError, ConstraintError, require
 from pipeline.manifolds.chords import ChordProof
+from pipeline.manifolds.deadline import Deadline
 from pipeline.manifolds.displacement import Displacement
 from pipeline.manifolds.polyline import brought_back, polyline, subdivided
 from pipeline.manifolds.screening import Screen
@@ -27,6 +28,7 @@ from pipeline.robots import Validity
 FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
 _PIECES = 1000  # in which a step is checked: likewise
 _TYPICAL = 64  # random chords that say how fast bodies move along a typical one
+_ROWS = 64  # that are asked for collision or looked at as edges between two looks at the clock
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
 
@@ -89,8 +91,9 @@ class AdherenceParameters:
 
     Attributes:
         step: gamma, length of a step [rad or m].
-        leap: lambda_1, a step longer than this many gammas ends the walk.
-        wander: lambda_2, a way longer than this many straight lines ends the walk.
+        leap: lambda_1, a step longer than this many gammas ends the walk. Above 1: a step is gamma long where the
+            manifold is flat, and longer where it is not.
+        wander: lambda_2, a way longer than this many straight lines ends the walk; at least 1.
         max_steps: the loop limit N. Not 50 as for projections: 50 steps of 0.05 do not cross a unit sphere.
         newton_steps: Newton steps inside a walk; from a step away it converges quadratically, so that more than this
             many means that it does not (measured on the sphere: at most 2).
@@ -118,6 +121,8 @@ class AdherenceParameters:
     def __post_init__(self) -> None:
         for name in ("step", "leap", "wander", "resolution"):
             require(f"adherence.{name}", getattr(self, name), above=0)
+        require("adherence.leap", self.leap, above=1)
+        require("adherence.wander", self.wander, at_least=1)
         for name in ("max_steps", "newton_steps", "lookahead"):
             require(f"adherence.{name}", getattr(self, name), at_least=1)
         if self.refinement is not None:
@@ -145,7 +150,13 @@ class Refined:
 
 
 class Adherence(ABC):
-    """A manifold made walkable: constraint, validity and parameters in one object. Lives in one process."""
+    """A manifold made walkable: constraint, validity and parameters in one object. Lives in one process.
+
+    Attributes:
+        lower, upper: joint limits (n,); infinite for joints that turn.
+        turns: how to measure where joints turn, None where none does: what differs by whole turns is one place.
+        deadline: what takes long here looks at it, and raises `OutOfTime`; there is none unless a caller sets one.
+    """
 
     def __init__(self, constraint: Constraint, validity: Validity, parameters: AdherenceParameters) -> None:
         if constraint.n != validity.robot.dimension:
@@ -154,8 +165,10 @@ class Adherence(ABC):
                 f"robot {validity.robot.name!r} has {validity.robot.dimension} joints"
             )
         self.constraint, self.validity, self.parameters = constraint, validity, parameters
+        self.deadline = Deadline()
         constraint.prepare(parameters.native)
         self.lower, self.upper = validity.robot.lower, validity.robot.upper
+        self.turns = turns_on(constraint, validity.robot)
         self.counters = Counters()
         # Steps on a curved manifold are not quite gamma long; longer chords than this are checked at all their points.
         self._vouched = 1.1 * parameters.step
@@ -208,7 +221,8 @@ class Adherence(ABC):
 
         The target does not count when the last of them is within a step of it. q_from is taken to be valid; q_to is
         checked when the walk gets there. Without `land` the walk ends within a step of q_to, which need not be on the
-        manifold then and is never among the states.
+        manifold then and is never among the states. Where joints turn the walk goes the short way round and is
+        continuous: the target it reaches may be whole turns away from q_to.
         """
 
     @abstractmethod
@@ -228,9 +242,9 @@ class Adherence(ABC):
         Where the manifold is hard to hit (few random configurations reach it within the limits) a search that waits for
         samples spends its time on them; a direction serves an extension as well.
         """
-        Q = rng.uniform(self.lower, self.upper, (count, self.dimension))
+        Q = rng.uniform(*self.validity.robot.box, (count, self.dimension))
         self.counters.projections += count
-        X, converged = self.constraint.project_batch(Q, _GLANCE)
+        X, converged = self._projected(Q, _GLANCE)
         with np.errstate(invalid="ignore"):
             inside = converged & ((X >= self.lower) & (X <= self.upper)).all(axis=1)
         return np.where(inside[:, None], X, Q)
@@ -241,10 +255,11 @@ class Adherence(ABC):
     def project(self, Q: np.ndarray) -> np.ndarray:
         """Project rows of Q (N, n) and return those that converged within bounds (m, n)."""
         self.counters.projections += len(Q)
-        X, converged = self.constraint.project_batch(Q)
+        X, converged = self._projected(Q)
         with np.errstate(invalid="ignore"):
             inside = ((X >= self.lower) & (X <= self.upper)).all(axis=1)
-        return X[converged & inside]
+        X = X[converged & inside]
+        return X if self.turns is None else self.turns.canonical(X)
 
     def screen(self, q_from: np.ndarray, q_to: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tell of edges, rows of q_from and q_to (m, n), whether they look free (m,), and how long they are (m,).
@@ -254,9 +269,28 @@ class Adherence(ABC):
         manifold's curvature the walk may pass elsewhere and be refused without need. Lengths are approximate, and
         infinite where an edge does not look free.
         """
-        promising, lengths, projected = self._screen.look(q_from, q_to, self.validity)
-        self.counters.projections += projected
+        if self.turns is not None:
+            q_to = self.turns.nearest(q_to, q_from)
+        promising, lengths = np.zeros(len(q_from), bool), np.full(len(q_from), np.inf)
+        for first in range(0, len(q_from), _ROWS):
+            self.deadline.look()
+            rows = slice(first, first + _ROWS)
+            promising[rows], lengths[rows], projected = self._screen.look(q_from[rows], q_to[rows], self.validity)
+            self.counters.projections += projected
         return promising, lengths
+
+    def apart(self, differences: np.ndarray) -> np.ndarray:
+        """Return how far apart configurations are of which these are the differences (..., n) [rad or m]."""
+        offsets = differences if self.turns is None else self.turns.wrapped(differences)
+        return np.asarray(np.linalg.norm(offsets, axis=-1))
+
+    def free_rows(self, Q: np.ndarray) -> np.ndarray:
+        """Tell which rows of Q (m, n) are free (m,): as the checker does, with an eye on the clock."""
+        free = np.zeros(len(Q), bool)
+        for first in range(0, len(Q), _ROWS):
+            self.deadline.look()
+            free[first : first + _ROWS] = self.validity.free_rows(Q[first : first + _ROWS])
+        return free
 
     def prepare_screen(self) -> None:
         """Make what `screen` needs, which otherwise its first call does."""
@@ -271,9 +305,13 @@ class Adherence(ABC):
         """Make a path of states (T, n) a polyline that stays on the manifold, and prove that it is free.
 
         Rejects also a segment whose middle finds its way to the manifold elsewhere than between its ends, which is how
-        a jump between two sheets of a manifold shows.
+        a jump between two sheets of a manifold shows. Where joints turn the path comes out continuous, from its first
+        state on: those given may be whole turns away from their neighbours.
         """
+        if self.turns is not None:
+            states = self.turns.unwrapped(states)
         self.counters.projections += len(states)
+        self.deadline.look()
         states, converged = brought_back(self.constraint, states)
         end = len(states) if converged.all() else max(int(np.argmin(converged)), 1)  # what comes before holds or fails
         path, segments, broken = polyline(self.constraint, states[:end], self.lower, self.upper)
@@ -296,9 +334,10 @@ class Adherence(ABC):
         if len(path) < 2:
             return None
         if self._proof is not None:
-            return self._proof.first_gap(path)
+            return self._proof.first_gap(path, self.deadline)
         spacing = self.parameters.refinement or self.parameters.resolution
         for i in range(len(path) - 1):
+            self.deadline.look()
             if not all(self.validity.free(q) for q in subdivided(path[i : i + 2], spacing)[1:]):
                 return i
         return None
@@ -308,7 +347,7 @@ class Adherence(ABC):
         """How bodies move along chords, and how fast along typical ones: random steps in the tangent space."""
         displacement, rng = Displacement(self.validity.robot, self.parameters.native), np.random.default_rng(0)
         Q, converged = self.constraint.project_batch(
-            rng.uniform(self.lower, self.upper, (2 * _TYPICAL, self.dimension))
+            rng.uniform(*self.validity.robot.box, (2 * _TYPICAL, self.dimension))
         )
         Q = Q[converged & np.isfinite(Q).all(axis=1)][:_TYPICAL]
         rates = [displacement.rates(np.stack([q, q + self._tangent_step(q, rng)]))[0] for q in Q]
@@ -324,6 +363,15 @@ class Adherence(ABC):
             tangent = np.eye(self.dimension)
         step = tangent @ rng.normal(size=tangent.shape[1])
         return self.parameters.step / max(float(np.linalg.norm(step)), 1e-12) * step
+
+    def _projected(self, Q: np.ndarray, iterations: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """As `Constraint.project_batch`, with an eye on the clock."""
+        X, converged, block = np.empty_like(Q, float), np.zeros(len(Q), bool), self.constraint.block
+        for first in range(0, len(Q), block):
+            self.deadline.look()
+            rows = slice(first, first + block)
+            X[rows], converged[rows] = self.constraint.project_batch(Q[rows], iterations)
+        return X, converged
 
     def _ended(self, reached: list[np.ndarray], stop: Stop) -> Traversal:
         return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)
@@ -367,7 +415,11 @@ class Adherence(ABC):
 
     def _inside(self, q: ca.SX) -> ca.SX:
         """Expression: 1 when q is within the bounds."""
-        return ca.logic_and(ca.mmin(q - self.lower) >= 0, ca.mmin(self.upper - q) >= 0)
+        limited = np.flatnonzero(np.isfinite(self.lower)).tolist()  # without joints that turn
+        if not limited:
+            return ca.SX(1)
+        low, high, kept = self.lower[limited], self.upper[limited], q[limited]
+        return ca.logic_and(ca.mmin(kept - low) >= 0, ca.mmin(high - kept) >= 0)
 
 
 def length(v: np.ndarray) -> float:

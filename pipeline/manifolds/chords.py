@@ -9,6 +9,7 @@ from bisect import bisect_right
 
 import numpy as np
 
+from pipeline.manifolds.deadline import Deadline
 from pipeline.manifolds.displacement import Displacement
 from pipeline.robots import Validity
 
@@ -60,14 +61,19 @@ class ChordProof:
         # What keeps more is asked first: its checkers are there already, and the smallest takes milliseconds to make.
         return any(self._checker(size).free(q) for size in (_FIRST, _FIRST + 1, len(self._reserves) - 1))
 
-    def first_gap(self, states: np.ndarray) -> int | None:
-        """Return the first i for which the chord from states[i] to states[i + 1], rows of (T, n), is not proven."""
+    def first_gap(self, states: np.ndarray, deadline: Deadline | None = None) -> int | None:
+        """Return the first i for which the chord from states[i] to states[i + 1], rows of (T, n), is not proven.
+
+        Raises:
+            OutOfTime: the deadline passed before that was known.
+        """
+        deadline = deadline or Deadline()
         gaps = [condition.first_gap(states) for condition in self.validity.conditions]
         unmet = min((gap for gap in gaps if gap is not None), default=None)
-        gap = self._first_contact(states if unmet is None else states[: unmet + 1])
+        gap = self._first_contact(states if unmet is None else states[: unmet + 1], deadline)
         return unmet if gap is None else gap
 
-    def _first_contact(self, states: np.ndarray) -> int | None:
+    def _first_contact(self, states: np.ndarray, deadline: Deadline) -> int | None:
         finite = np.isfinite(states).all(axis=1)
         if not finite.all():
             return max(int(np.argmin(finite)) - 1, 0)
@@ -78,6 +84,7 @@ class ChordProof:
         end, last, smallest = along[-1], len(steps) - 1, len(self._reserves) - 1
         proven, size, held = 0.0, _FIRST, 0
         while proven < end:
+            deadline.look()
             following = min(proven + 2 * self._reserves[size], end)
             middle = (proven + following) / 2
             i = min(bisect_right(along, middle) - 1, last)

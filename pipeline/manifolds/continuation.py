@@ -24,7 +24,7 @@ class ContinuationAdherence(Adherence):
     def __init__(self, constraint: Constraint, validity: Validity, parameters: AtlasParameters) -> None:
         super().__init__(constraint, validity, parameters)
         self.parameters: AtlasParameters = parameters
-        self.atlas = Atlas(constraint, parameters)
+        self.atlas = Atlas(constraint, parameters, self.turns)
         self._charts: dict[bytes, Chart] = {}  # of states that walks began or ended at
         self._edge = compiled(
             f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions(), parameters.native
@@ -44,7 +44,7 @@ class ContinuationAdherence(Adherence):
     def reset(self, validity: Validity | None = None) -> None:
         """Forget the last problem and its charts."""
         super().reset(validity)
-        self.atlas = Atlas(self.constraint, self.parameters)
+        self.atlas = Atlas(self.constraint, self.parameters, self.turns)
         self._charts = {}
 
     def anchor(self, q: np.ndarray) -> None:
@@ -62,6 +62,13 @@ class ContinuationAdherence(Adherence):
     ) -> Traversal:
         """Walk by Algorithm 3 or 4."""
         self.counters.traversals += 1
+        if self.turns is None:
+            return self._walk(q_from, q_to, max_states, land)
+        walk = self._walk(q_from, self.turns.nearest(q_to, q_from), max_states, land)
+        # Each chart has its states at the turns nearest to its origin.
+        return replace(walk, states=self.turns.unwrapped(np.concatenate([q_from[None], walk.states]))[1:])
+
+    def _walk(self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None, land: bool) -> Traversal:
         parameters = self.parameters
         straight = length(q_to - q_from)
         reached: list[np.ndarray] = []
@@ -71,9 +78,11 @@ class ContinuationAdherence(Adherence):
         chart = self._chart_at(q_from)
         if chart is None:
             return self._ended(reached, Stop.NO_CHART)
-        q, u, target = q_from, chart.log(q_from), chart.log(q_to)
+        q, q_to = q_from, q_to = self.atlas.seen(chart, q_from, q_to)
+        u, target = chart.log(q), chart.log(q_to)
         way, longest, vouches = 0.0, parameters.wander * straight, False
         while True:
+            self.deadline.look()
             if length(target - u) <= parameters.step:  # line 7, right at the beginning of a chart
                 near = length(q_to - q) <= parameters.leap * parameters.step
                 return self._finish(reached, q_from, q_to, vouches, land) if near else self._ended(reached, Stop.FOLDED)
@@ -121,7 +130,10 @@ class ContinuationAdherence(Adherence):
                 following = self._chart_at(q)
                 if following is None:
                     return self._ended(reached, Stop.NO_CHART)
-                chart, u, target = following, following.log(q), following.log(q_to)
+                chart = following
+                q, q_to = self.atlas.seen(chart, q, q_to)
+                reached[-1] = q
+                u, target = chart.log(q), chart.log(q_to)
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Sample charts and their tangent balls beyond rho (IMACS), lift, and grow the atlas over some of the samples.
@@ -133,6 +145,7 @@ class ContinuationAdherence(Adherence):
             size = min(_SAMPLE_BLOCK, count - len(found))
             if not size:
                 break
+            self.deadline.look()
             Q = self._drawn(rng, rng.integers(len(self.atlas), size=size))
             for q in Q[:_SAMPLE_GROWTH]:
                 self._chart_at(q)
@@ -143,6 +156,7 @@ class ContinuationAdherence(Adherence):
         """Sample the tangent balls of charts at Q, as `sample` those of any chart."""
         ends, which = np.unique(Q, axis=0, return_inverse=True)
         charts = [self._chart_at(q) for q in ends]
+        self.deadline.look()
         places = np.array([-1 if chart is None else chart.index for chart in charts], int)[which]
         places = places[places >= 0]
         blocks = [self._drawn(rng, places[i : i + _LIFT_BLOCK]) for i in range(0, len(places), _LIFT_BLOCK)]
@@ -155,7 +169,8 @@ class ContinuationAdherence(Adherence):
         directions = rng.normal(size=(len(charts), d))
         lengths = radius * rng.random((len(charts), 1)) ** (1.0 / d)
         Q, lifted = self._lift(charts, directions * (lengths / np.linalg.norm(directions, axis=1, keepdims=True)))
-        return np.asarray(Q[lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)])
+        Q = np.asarray(Q[lifted & ((Q >= self.lower) & (Q <= self.upper)).all(axis=1)])
+        return Q if self.turns is None else self.turns.canonical(Q)
 
     def _lift(self, charts: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return psi(u) for up to a block of charts (m,) and coordinates (m, d), and where it converged (m,)."""
@@ -168,6 +183,7 @@ class ContinuationAdherence(Adherence):
         base, normal, height = (argument.reshape(len(block.arguments[0]), -1) for argument in block.arguments)
         base[:count], normal[:count] = bases, normals.reshape(count, -1)
         for _ in range(3 * self.parameters.newton_steps):
+            self.deadline.look()
             height[:count] = heights
             violations, following = (result.reshape(len(base), -1)[:count] for result in block.evaluate())
             done = violations[:, 0] < self.constraint.tolerance**2

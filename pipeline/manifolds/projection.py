@@ -55,6 +55,8 @@ class ProjectionAdherence(Adherence):
     ) -> Traversal:
         """Walk by Algorithm 2."""
         self.counters.traversals += 1
+        if self.turns is not None:
+            q_to = self.turns.nearest(q_to, q_from)
         straight = length(q_to - q_from)
         reached: list[np.ndarray] = []
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
@@ -62,6 +64,7 @@ class ProjectionAdherence(Adherence):
             return self._finish(reached, q_from, q_to, False, land)
         q, way, longest, vouches = q_from, 0.0, self.parameters.wander * straight, False
         while True:
+            self.deadline.look()
             flat, codes, ways = self._edge(q, q_to, way, longest)
             chords = flat.reshape(len(codes), -1, self.dimension).copy()
             for chord, code, total in zip(chords, codes.tolist(), ways.tolist(), strict=True):
@@ -81,4 +84,4 @@ class ProjectionAdherence(Adherence):
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Project uniform samples of the joint box (uniform there, not on the manifold)."""
-        return self.project(rng.uniform(self.lower, self.upper, (count, self.dimension)))
+        return self.project(rng.uniform(*self.validity.robot.box, (count, self.dimension)))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.errors import ConfigError, ProblemError, require, told_apart
-from pipeline.manifolds import Adherence, Counters
+from pipeline.manifolds import Adherence, Counters, OutOfTime
 from pipeline.manifolds.chords import CLEARANCE
 from pipeline.samplers.base import Sampler
 
@@ -31,8 +31,8 @@ class Termination:
         time_limit: [s].
         max_iterations: of the planner's outer loop.
         cost_below: keep improving until the path is shorter than this [rad or m]; None stops at the first path. Our
-            planners do not improve a path: they search anew, with the charts they have, and keep the shortest. The
-            best path found is the result also where another bound ends the search first.
+            planners do not improve a path: they search anew, which is an iteration, with the charts they have, and keep
+            the shortest. The best path found is the result also where another bound ends the search first.
     """
 
     time_limit: float | None = None
@@ -161,13 +161,17 @@ class PlanResult:
 
 
 class Clock:
-    """Counts iterations and time of one plan against its termination."""
+    """Counts iterations and time of one plan against its termination.
+
+    Attributes:
+        begin, end: of the plan, by `time.perf_counter` [s]; no end without a time limit.
+    """
 
     def __init__(self, termination: Termination) -> None:
         self.begin = time.perf_counter()
         self.iterations = 0
         self._limit = np.inf if termination.max_iterations is None else termination.max_iterations
-        self._end = np.inf if termination.time_limit is None else self.begin + termination.time_limit
+        self.end = np.inf if termination.time_limit is None else self.begin + termination.time_limit
 
     @property
     def elapsed(self) -> float:
@@ -176,7 +180,7 @@ class Clock:
 
     def out_of_time(self) -> bool:
         """True when the time limit has passed; for inner loops."""
-        return time.perf_counter() >= self._end
+        return time.perf_counter() >= self.end
 
     def tick(self) -> PlanStatus | None:
         """Count one iteration; return the status to stop with, or None to go on."""
@@ -210,8 +214,14 @@ class Planner(ABC):
         if np.array_equal(problem.start, problem.goal):
             path = np.stack([problem.start, problem.goal])
         while path is None or (termination.cost_below is not None and path_length(path) >= termination.cost_below):
+            if path is not None and clock.tick() is not None:
+                break
             sampler.start(space, rng, problem.scene)
-            status, found = self._search(problem, sampler, termination, clock)
+            try:
+                with space.deadline.until(clock.end):
+                    status, found = self._search(problem, sampler, termination, clock)
+            except OutOfTime:
+                status, found = PlanStatus.TIME_LIMIT, None
             network_time += getattr(sampler, "network_time", 0.0)
             if found is None:
                 break

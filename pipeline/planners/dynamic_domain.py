@@ -53,10 +53,10 @@ class DynamicDomainRrtConnect(RrtConnect):
         self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
         space = problem.adherence
-        trees = (Tree(*problem.all_starts), Tree(*problem.all_goals))
+        trees = (Tree(*problem.all_starts, turns=space.turns), Tree(*problem.all_goals, turns=space.turns))
         domains = (_Domains(self.domain), _Domains(self.domain))
         longest = max(int(self.range / space.parameters.step), 1)
-        if self.direct:
+        if self.direct and not clock.iterations:
             path = self._straight(space, trees, problem.goal)
             if path is not None:
                 return PlanStatus.SOLVED, path
@@ -86,7 +86,7 @@ class DynamicDomainRrtConnect(RrtConnect):
                     return status, None
                 if not np.isfinite(trees[a][nearest][0]):
                     continue  # removed, by a path that failed since it was found nearest
-                if taken and np.square(np.array(taken) - q).sum(axis=1).min() < (2 * spacing) ** 2:
+                if taken and space.apart(np.array(taken) - q).min() < 2 * spacing:
                     continue  # the tree has just been there
                 taken.append(q)
                 node, _ = self._extend(space, trees[a], domains[a], nearest, q, longest, sampler.lands)

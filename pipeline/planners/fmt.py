@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from itertools import compress, pairwise
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence
 from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
+from pipeline.planners.tree import index
 from pipeline.samplers.base import Sampler
 
 _UNVISITED, _OPEN, _CLOSED = 0, 1, 2
@@ -25,6 +25,7 @@ _SHIFT = 32  # an edge is one number: sets of them are asked faster than sets of
 _MOST_LATE = 200_000  # neighbours of samples added at a time, between two looks at the clock: in 2 dimensions of 4000
 _MOST_FIRST = 1024  # classical samples of the first batch that are drawn at a time, between two looks at the clock
 _ALONG = 4  # edges that are asked for a sample at once: most fail, and further ones cost less than further calls
+_ENTRIES = 1 << 16  # of tables of neighbours that are worked on between two looks at the clock: some milliseconds
 _TRIES = 5  # neighbours that a sample whose edge did not hold is hung onto, before its branch is taken back
 
 
@@ -111,12 +112,12 @@ class FmtStar(Planner):
                 ends, side = np.stack([problem.start, problem.goal]), np.arange(count) % 2
                 current, targets = ends[side], ends[1 - side]
             proposals = sampler.first(current, targets)
-            free = space.validity.free_rows(proposals)
+            free = space.free_rows(proposals)
             barren = 0 if free.any() else barren + 1
             found += list(proposals[free])
             if sampler.informed:
                 current = sampler.onward.copy()
-                ended = np.flatnonzero(np.linalg.norm(current - targets, axis=1) <= self.arrive)
+                ended = np.flatnonzero(space.apart(current - targets) <= self.arrive)
                 spread = self._random_free(space, sampler, len(ended), clock)
                 current[ended[: len(spread)]] = spread
         return np.array(found[: self.samples])
@@ -129,7 +130,7 @@ class FmtStar(Planner):
             missing = count - len(found)
             # More than are missing, as some will not be free: a call for a few costs as much as one for many.
             drawn = space.sample(sampler.rng, 2 * missing + 4)
-            fresh = drawn[space.validity.free_rows(drawn)][:missing]
+            fresh = drawn[space.free_rows(drawn)][:missing]
             barren = 0 if len(fresh) else barren + 1
             found += list(fresh)
         return np.array(found).reshape(-1, space.dimension)
@@ -143,7 +144,7 @@ class FmtStar(Planner):
             tree = np.flatnonzero(wave.state == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=count)]]
             drawn = sampler.sample(current, np.repeat(problem.goal[None], count, axis=0))
-            free = drawn[problem.adherence.validity.free_rows(drawn)]
+            free = drawn[problem.adherence.free_rows(drawn)]
             if len(free):
                 wave.extend(free)
             if clock.tick() is not None:
@@ -191,7 +192,12 @@ class _Wave:
         asker = np.full(len(keys), -1)
         asker[found] = group[rows]
         waiting = np.flatnonzero(asker >= 0)
-        joined = self._join(group, waiting, asker[waiting], keys) if len(waiting) else []
+        joined = []
+        most = max(_ENTRIES // near.shape[1], 1)
+        for first in range(0, len(waiting), most):
+            self.space.deadline.look()
+            some = waiting[first : first + most]
+            joined += self._join(group, some, asker[some], keys)
         self.state[group], self.reach[group] = _CLOSED, np.inf
         for edges in joined:
             self._hang(*edges)
@@ -242,7 +248,7 @@ class _Wave:
         """Add samples (m, n) and reopen the closed ones beside them: the front goes on from there."""
         old = self.count
         self._append(Q)
-        beside = (self.neighbours >= old).any(axis=1)
+        beside = np.asarray((self.neighbours >= old).any(axis=1))
         beside[self.neighbours[old:]] = True
         again = np.flatnonzero(beside & (self.state == _CLOSED))
         self.state[again], self.reach[again] = _OPEN, self.cost[again]
@@ -254,14 +260,21 @@ class _Wave:
         self.cost, self.reach = (np.append(values, np.full(new, np.inf)) for values in (self.cost, self.reach))
         self.state = np.append(self.state, np.full(new, _UNVISITED, np.int8))
         self.parent = np.append(self.parent, np.full(new, -1))
-        self.ahead = np.linalg.norm(self.q - self.q[_GOAL], axis=1)  # the straight line to the goal
+        self.ahead = self.space.apart(self.q - self.q[_GOAL])  # the straight line to the goal
         d = self.space.constraint.manifold_dimension
         # k-nearest FMT* as in OMPL: k = (2 eta)^d (e / d) log N, but d is the dimension of the manifold.
         k = max(int(np.ceil((2 * self.radius_multiplier) ** d * (np.e / d) * np.log(self.count))), 1)
-        distances, neighbours = cKDTree(self.q).query(self.q, k=min(k + 1, self.count))
+        k = min(k + 1, self.count)
+        distances, neighbours = np.empty((self.count, k)), np.empty((self.count, k), int)
+        turns, most = self.space.turns, max(_ENTRIES // (8 * k), 1)
+        tree, places = index(self.q, turns), self.q if turns is None else turns.folded(self.q)
+        for first in range(0, self.count, most):
+            self.space.deadline.look()
+            rows = slice(first, first + most)
+            found = tree.query(places[rows], k=k)
+            distances[rows], neighbours[rows] = (part.reshape(-1, k) for part in found)
         self.space.counters.nearest_queries += self.count
-        self.neighbours = neighbours.reshape(self.count, -1)[:, 1:]
-        self.distances = distances.reshape(self.count, -1)[:, 1:]
+        self.neighbours, self.distances = neighbours[:, 1:], distances[:, 1:]
         self.width = self.group * float(np.median(self.distances[:, -1]))
 
     def path(self) -> np.ndarray | None:
@@ -316,7 +329,7 @@ class _Wave:
         lost = self._below(x)
         near = self.neighbours[x]
         tree = near[(self.state[near] != _UNVISITED) & ~np.isin(near, lost)]
-        order = tree[np.argsort(self.cost[tree] + np.linalg.norm(self.q[tree] - self.q[x], axis=1), kind="stable")]
+        order = tree[np.argsort(self.cost[tree] + self.space.apart(self.q[tree] - self.q[x]), kind="stable")]
         holds, ways = self._connect(order[:_TRIES], np.full(len(order[:_TRIES]), x))
         for y, way in zip(order[:_TRIES][holds].tolist(), ways[holds].tolist(), strict=True):
             walk = self.space.traverse(self.q[y], self.q[x])

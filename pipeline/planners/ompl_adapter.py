@@ -14,7 +14,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,6 @@ from ompl import util as ou
 
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
-from pipeline.manifolds import Adherence
 from pipeline.planners.base import PlanResult, PlanStatus, Problem, Termination
 
 _log = logging.getLogger(__name__)
@@ -97,6 +96,15 @@ class Callbacks:
     projections: int = 0  # only where `project` is overridden
     states: int = 0  # validity
     terminations: int = 0  # most planners ask once per round of their outer loop
+    end: float = field(default=np.inf, compare=False)  # of the search, by time.perf_counter [s]
+
+    def over(self) -> bool:
+        """True when the search has no time left.
+
+        Planners ask that once per round, in which they may walk and project for a second: from then on every state is
+        invalid and every constraint is met, so that walks and projections end at once and nothing more is found.
+        """
+        return time.perf_counter() >= self.end
 
 
 def available_planners() -> tuple[str, ...]:
@@ -144,6 +152,9 @@ class OmplPlanner:
         `counters.projections` is exact where `project` is overridden; otherwise it is the values less the Jacobians,
         because a Newton iteration ends on a value: that counts every test for the manifold as a projection.
 
+        OMPL's spaces are R^n: where joints turn, the goal is put at the turns nearest to the start, and their variables
+        are bounded half a turn beyond both. A way round that needs more than that is not found.
+
         Raises:
             ProblemError: the start or goal is invalid (see `Problem.check`).
             ConfigError: an iteration limit for a planner that only a clock can stop.
@@ -151,6 +162,7 @@ class OmplPlanner:
         if self.planner in _THREADED and termination.max_iterations is not None:
             raise ConfigError(f"{self.planner} has a second thread and ends by time_limit only; empty max_iterations")
         problem.check()
+        problem = _flat(problem)
         problem.adherence.reset()
         calls = self.callbacks = Callbacks()
         with _silent():
@@ -174,12 +186,13 @@ class OmplPlanner:
 
         Some may be off the manifold, in collision or outside the bounds: planners drop these.
         """
+        problem = _flat(problem)
         dimension, calls = problem.adherence.dimension, Callbacks()
         with _silent():
             ou.RNG.setSeed(max(1, int(np.random.SeedSequence(seed).generate_state(1)[0])))
-            space = self._space(problem.adherence, calls)
+            space = self._space(problem, calls)
             information = _SPACES[self.space][1](space)
-            information.setStateValidityChecker(_checker(problem.adherence, calls, self.stand_ins))
+            information.setStateValidityChecker(_checker(problem, calls, self.stand_ins))
             information.setup()
             self._anchor(space, *(_state(space, q) for q in (problem.start, problem.goal)))
             sampler, state, drawn = space.allocStateSampler(), space.allocState(), np.empty((count, dimension))
@@ -194,9 +207,9 @@ class OmplPlanner:
         """Return status, path (T, n), time [s] and number of charts. Everything is made anew, nothing outlives it."""
         dimension, charted = problem.adherence.dimension, self.space != "projection"
         path, charts = np.empty((0, dimension)), 0
-        space = self._space(problem.adherence, calls)
+        space = self._space(problem, calls)
         information = _SPACES[self.space][1](space)
-        information.setStateValidityChecker(_checker(problem.adherence, calls, self.stand_ins))
+        information.setStateValidityChecker(_checker(problem, calls, self.stand_ins))
         information.setup()
         start, goal = _state(space, problem.start), _state(space, problem.goal)
         definition = ob.ProblemDefinition(information)
@@ -210,6 +223,7 @@ class OmplPlanner:
         try:
             self._anchor(space, start, goal)
             ending = planner.solve(self._condition(termination, calls))
+            calls.end = np.inf  # a path found in time is walked once more
             charts = space.getChartCount() if charted else 0
             # bool(ending) is True for approximate solutions as well.
             if ending.getStatus() == ob.PlannerStatus.EXACT_SOLUTION:
@@ -222,9 +236,10 @@ class OmplPlanner:
         elapsed = time.perf_counter() - begin
         return (PlanStatus.SOLVED if len(path) else _unsolved(termination, calls, elapsed)), path, elapsed, charts
 
-    def _space(self, adherence: Adherence, calls: Callbacks) -> Any:
+    def _space(self, problem: Problem, calls: Callbacks) -> Any:
+        adherence = problem.adherence
         ambient, bounds = ob.RealVectorStateSpace(adherence.dimension), ob.RealVectorBounds(adherence.dimension)
-        for joint, (low, high) in enumerate(zip(adherence.lower.tolist(), adherence.upper.tolist(), strict=True)):
+        for joint, (low, high) in enumerate(_bounds(problem)):
             bounds.setLow(joint, low)
             bounds.setHigh(joint, high)
         ambient.setBounds(bounds)
@@ -271,10 +286,10 @@ class OmplPlanner:
             return ob.timedPlannerTerminationCondition(termination.time_limit)
         limit = np.inf if termination.max_iterations is None else termination.max_iterations
         duration = np.inf if termination.time_limit is None else termination.time_limit
-        end, clock = time.perf_counter() + duration, time.perf_counter
+        calls.end = time.perf_counter() + duration
 
         def over() -> bool:
-            if calls.terminations >= limit or clock() >= end:
+            if calls.terminations >= limit or calls.over():
                 return True
             calls.terminations += 1
             return False
@@ -292,7 +307,7 @@ class _Ordinary(ob.Constraint):  # type: ignore[misc]  # OMPL has no types
 
     def function(self, x: np.ndarray, out: np.ndarray) -> None:
         self._calls.values += 1
-        out[:] = self._ours.value(x)
+        out[:] = 0.0 if self._calls.over() else self._ours.value(x)
 
     def jacobian(self, x: np.ndarray, out: np.ndarray) -> None:
         self._calls.jacobians += 1
@@ -302,6 +317,8 @@ class _Ordinary(ob.Constraint):  # type: ignore[misc]  # OMPL has no types
 class _Projecting(_Ordinary):
     def project(self, x: np.ndarray) -> bool:
         self._calls.projections += 1
+        if self._calls.over():
+            return True
         found = self._ours.project(x)
         x[:] = found.q
         return bool(found.converged)  # a numpy.bool aborts the interpreter
@@ -314,17 +331,34 @@ def _state(space: Any, q: np.ndarray) -> Any:
     return state
 
 
-def _checker(adherence: Adherence, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:
+def _checker(problem: Problem, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:
     """OMPL checks joint limits nowhere on a walk: they are part of validity here."""
-    bounds = tuple(zip(range(adherence.dimension), adherence.lower.tolist(), adherence.upper.tolist(), strict=True))
-    free = adherence.validity.free if stand_ins is None else stand_ins[1].free
+    bounds = tuple((i, low, high) for i, (low, high) in enumerate(_bounds(problem)))
+    free = problem.adherence.validity.free if stand_ins is None else stand_ins[1].free
 
     def valid(state: Any) -> bool:
         calls.states += 1
+        if calls.over():
+            return False
         q = [state[i] for i, _, _ in bounds]
         return all(low <= q[i] <= high for i, low, high in bounds) and free(np.array(q))
 
     return valid
+
+
+def _flat(problem: Problem) -> Problem:
+    """Return the problem with its goal at the turns nearest to the start."""
+    turns = problem.adherence.turns
+    return problem if turns is None else replace(problem, goal=turns.nearest(problem.goal, problem.start))
+
+
+def _bounds(problem: Problem) -> list[tuple[float, float]]:
+    """Return the bounds of every variable: its limits; of one that turns, half a turn beyond start and goal."""
+    low, high = problem.adherence.lower, problem.adherence.upper
+    ends = np.stack([problem.start, problem.goal])
+    low = np.where(np.isfinite(low), low, ends.min(axis=0) - np.pi)
+    high = np.where(np.isfinite(high), high, ends.max(axis=0) + np.pi)
+    return list(zip(low.tolist(), high.tolist(), strict=True))
 
 
 def _joined(states: np.ndarray, problem: Problem) -> np.ndarray:

@@ -34,7 +34,7 @@ class Rrt(Planner):
     ) -> tuple[PlanStatus, np.ndarray | None]:
         space, goal = problem.adherence, problem.goal
         longest = max(int(self.range / space.parameters.step), 1)
-        tree = Tree(*problem.all_starts)
+        tree = Tree(*problem.all_starts, turns=space.turns)
         alive = list(range(len(tree)))
         while True:
             status = clock.tick()

@@ -21,7 +21,8 @@ class RrtConnect(Planner):
         node_states: every so many states of a walk become a node of the tree.
         balanced: grow the smaller tree towards the sample, instead of one after the other: a tree in a narrow place
             then does not fall behind (reports/performance.md, "What was tried").
-        direct: begin with one walk from the start to the goal, which many problems of everyday need no more than.
+        direct: begin with one walk from the start to the goal, which many problems of everyday need no more than; where
+            the way is to be shorter than that, only the first search does.
         outward: share of the extensions towards a point in a random direction from a random node, instead of a sample.
             Where few random configurations reach the manifold within the limits (closed chains), samples leave most of
             it out, and wherever the obstacles are, they cost a projection.
@@ -46,9 +47,9 @@ class RrtConnect(Planner):
     ) -> tuple[PlanStatus, np.ndarray | None]:
         space = problem.adherence
         longest = max(int(self.range / space.parameters.step), 1)
-        trees = (Tree(*problem.all_starts), Tree(*problem.all_goals))
+        trees = (Tree(*problem.all_starts, turns=space.turns), Tree(*problem.all_goals, turns=space.turns))
         current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
-        if self.direct:
+        if self.direct and not clock.iterations:  # a search anew would find the same path
             path = self._straight(space, trees, problem.goal)
             if path is not None:
                 return PlanStatus.SOLVED, path

@@ -1,17 +1,15 @@
 """Shortcuts that stay on the manifold."""
 
-import time
-
 import numpy as np
 
-from pipeline.manifolds import Adherence
+from pipeline.manifolds import Adherence, OutOfTime
 from pipeline.planners.base import path_length
 
 
 def shortcut(
     space: Adherence, path: np.ndarray, rng: np.random.Generator, attempts: int, until: float = np.inf
 ) -> np.ndarray:
-    """Return a path (T, n) with the same ends that is never longer.
+    """Return a path (T, n) with the same ends that is never longer; where joints turn, the end may be turns away.
 
     Each attempt walks on the manifold between two random states of the path; a shorter way that holds at the finer
     resolution replaces the states in between.
@@ -21,21 +19,33 @@ def shortcut(
         path: valid states (T, n), neighbours at most a leap apart.
         rng: of the pairs to try.
         attempts: how many pairs to try.
-        until: when to stop trying, by time.perf_counter() [s].
+        until: when to stop trying, also within an attempt, by time.perf_counter() [s].
     """
-    for _ in range(attempts):
-        if len(path) < 4 or time.perf_counter() >= until:
-            return path
-        i, j = np.sort(rng.choice(len(path), 2, replace=False)).tolist()
-        if j - i < 2:
-            continue
-        walk = space.traverse(path[i], path[j])
-        if not walk.reached:
-            continue
-        way = np.concatenate([path[i : i + 1], walk.states])
-        if path_length(way) >= path_length(path[i : j + 1]):
-            continue
-        refined = space.refine(way)
-        if refined.invalid is None and path_length(refined.states) < path_length(path[i : j + 1]):
-            path = np.concatenate([path[:i], refined.states, path[j + 1 :]])
+    with space.deadline.until(until):
+        for _ in range(attempts):
+            if len(path) < 4:
+                break
+            try:
+                space.deadline.look()
+                path = _shorter(space, path, rng)
+            except OutOfTime:
+                break
+    return path
+
+
+def _shorter(space: Adherence, path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the path (T, n) with a shorter way between two of its states, or as it is."""
+    i, j = np.sort(rng.choice(len(path), 2, replace=False)).tolist()
+    if j - i < 2:
+        return path
+    walk = space.traverse(path[i], path[j])
+    if not walk.reached:
+        return path
+    way = np.concatenate([path[i : i + 1], walk.states])
+    if path_length(way) >= path_length(path[i : j + 1]):
+        return path
+    refined = space.refine(way)
+    if refined.invalid is None and path_length(refined.states) < path_length(path[i : j + 1]):
+        states = np.concatenate([path[:i], refined.states, path[j + 1 :]])
+        return states if space.turns is None else space.turns.unwrapped(states)
     return path

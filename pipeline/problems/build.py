@@ -1,22 +1,27 @@
 """From a problem file to what planners take: robot, constraint, checker, start and goals."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, intersection
+from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, intersection, turns_on
 from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
 from pipeline.errors import ConfigError, ProblemError, RobotError, told_apart, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity, attach
 from pipeline.robots.description import is_file, resolve
+from pipeline.robots.order import revolute
+from pipeline.robots.turning import TURN, Turning, turns_within
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
 _BARREN = 100  # tries in a row that arrive nowhere, or where others did, after which there is nothing more to find
 _ROUNDED = 1e-6  # a given value so far beyond a limit is a rounded one, and taken at the limit [rad or m]
+_SEARCHED = 10.0  # for a start or a goal, unless planning has more: most take a tenth of it [s]
+_OFFERED = 100  # goals at most, turns included: each is a tree to be searched from
 _APART = 0.1  # goals nearer than this to each other count as one [rad or m]
 
 
@@ -33,6 +38,7 @@ class Built:
         exact: the checker without margins, for the verifier.
         starts: configurations (S, n), any of which will do; one, where the file says it exactly.
         goals: configurations (G, n), the nearest to the first start first.
+        asked: what the file says of the goal's joints (n,), NaN where it says nothing.
         notes: what was not taken exactly as the file says it.
     """
 
@@ -44,6 +50,7 @@ class Built:
     exact: Validity
     starts: np.ndarray
     goals: np.ndarray
+    asked: np.ndarray
     notes: tuple[str, ...] = ()
 
 
@@ -75,14 +82,13 @@ def build(file: ProblemFile) -> Built:
     kept = [condition.kept(file.margin) for condition in conditions]
     validity = Validity(robot, obstacles, file.margin, file.self_margin, touching, kept)
     exact = Validity(robot, obstacles, 0.0, 0.0, touching, conditions)
-    finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]))
+    finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]), file.time_limit)
     starts = finder.find(file.start, "start", 1 if file.start.exact else file.goals, robot.rest)
     start = starts[0]
     constraint.frame(start)  # rows that depend on each other are named
-    goals = finder.find(file.goal, "goal", file.goals, start)
-    order = np.argsort(np.linalg.norm(goals - start, axis=1), kind="stable")
+    goals = finder.goals(file.goal, file.goals, start)
     names = tuple(grasp.name for grasp in file.grasps)
-    return Built(robot, constraint, obstacles, names, validity, exact, starts, goals[order], tuple(finder.notes))
+    return Built(robot, constraint, obstacles, names, validity, exact, starts, goals, finder.asked, tuple(finder.notes))
 
 
 def robot_settings(file: ProblemFile) -> UrdfRobot:
@@ -116,10 +122,28 @@ class _Finder:
         constraint: Constraint,
         validity: Validity,
         rng: np.random.Generator,
+        time_limit: float,
     ) -> None:
         self.arm, self.robot, self.held = arm, robot, held
-        self.constraint, self.validity, self.rng = constraint, validity, rng
+        self.constraint, self.validity, self.rng, self.time_limit = constraint, validity, rng, time_limit
+        self.turns = turns_on(constraint, robot)
+        # Joints with limits between which there is a turn or more: what a goal says of them has several answers.
+        self.winding = revolute(robot.model) & ~robot.turning & (robot.upper - robot.lower >= TURN)
+        angles = self.winding if self.turns is None else self.winding | self.turns.mask
+        self.goal_turns = Turning(angles) if angles.any() else None  # what differs by these is one goal
+        self.asked = np.full(robot.dimension, np.nan)  # of the goal's joints
         self.notes: list[str] = []
+
+    def goals(self, where: Where, count: int, start: np.ndarray) -> np.ndarray:
+        """Return what `find` does for a goal, at all turns within the limits, those nearest to `start` first (m, n)."""
+        offered: list[tuple[int, float, np.ndarray]] = []
+        for q in self.find(where, "goal", count, start):
+            turned = turns_within(q, self.robot.lower, self.robot.upper, self.winding, start, _OFFERED)
+            inside = [other for other in turned if self.constraint.satisfied(other)]
+            kept = [other for other in inside if np.array_equal(other, q) or not self._on_limit(other)] or [q]
+            offered += [(rank, float(_distances(other, start, self.turns)), other) for rank, other in enumerate(kept)]
+        offered.sort(key=lambda one: one[:2])  # of each its nearest turn before any one's next
+        return np.array([q for _, _, q in sorted(offered[:_OFFERED], key=lambda one: one[1])])
 
     def find(self, where: Where, name: str, count: int, near: np.ndarray | None) -> np.ndarray:
         """Return one exact configuration, or up to `count` valid ones for a pose or region (m, n)."""
@@ -132,14 +156,15 @@ class _Finder:
         on_limit: list[np.ndarray] = []
         reached: list[np.ndarray] = []
         barren = 0
-        for q in inverse.solutions(self.rng, _TRIES * count, near, _BARREN):
-            barren = 0 if _apart(q, reached) else barren + 1
+        turns = self.goal_turns if name == "goal" else self.turns
+        until = time.perf_counter() + max(self.time_limit, _SEARCHED)
+        for q in inverse.solutions(self.rng, _TRIES * count, near, _BARREN, until):
+            barren = 0 if _apart(q, reached, turns) else barren + 1
             if barren == _BARREN:
                 break
             reached.append(q)
-            if _apart(q, found) and self.validity.free(q):
-                n = self.arm.dimension
-                if min((q - self.robot.lower)[:n].min(), (self.robot.upper - q)[:n].min()) < _FROM_LIMITS:
+            if _apart(q, found, turns) and self.validity.free(q):
+                if self._on_limit(q):
                     on_limit.append(q)
                     continue
                 found.append(q)
@@ -148,7 +173,7 @@ class _Finder:
         found = found or on_limit[:1]
         tries = inverse.tried
         if not reached:
-            feasible(self.constraint, self.robot.lower, self.robot.upper, self.rng)  # names the rows that cannot be met
+            feasible(self.constraint, *self.robot.box, self.rng)  # names the rows that cannot be met
             raise ProblemError(
                 f"{name}: inverse kinematics found no configuration there that is within the joint limits and on "
                 f"the manifold {self.constraint.name!r}, in {tries} tries; the nearest is {_off(inverse.nearest)}"
@@ -159,6 +184,11 @@ class _Finder:
                 f"first is {self.validity.reason(reached[0])}"
             )
         return np.array(found)
+
+    def _on_limit(self, q: np.ndarray) -> bool:
+        """Tell whether a joint of the arm is about at one of its limits."""
+        n = self.arm.dimension
+        return bool(min((q - self.robot.lower)[:n].min(), (self.robot.upper - q)[:n].min()) < _FROM_LIMITS)
 
     def _target(self, where: Where, name: str) -> Target:
         frame = where.frame or self.robot.tool
@@ -173,18 +203,30 @@ class _Finder:
                 raise ProblemError(unknown(f"{name} names a joint that {self.robot.name!r} lacks:", joint, names))
         numbers = [names.index(joint) for joint in values]
         asked = self._within(numbers, np.array(list(values.values())), name)
+        if self.turns is not None:  # inverse kinematics does not go far
+            canonical = self.turns.canonical(_filled(asked, numbers, self.robot.dimension))
+            asked = canonical[numbers]
         return with_values(list(zip(numbers, asked.tolist(), strict=True)))
 
     def _within(self, joints: Sequence[int], values: np.ndarray, name: str) -> np.ndarray:
         """Return values (m,) of some joints, at the limit those that are a rounding beyond it, of which `notes` tell.
+
+        A goal's value that is farther beyond is taken at a turn within the limits, where there always is one.
 
         Raises:
             ProblemError: one that is farther beyond its limit, or not finite.
         """
         low, high = self.robot.lower[list(joints)], self.robot.upper[list(joints)]
         kept = np.clip(values, low, high)
-        for joint, asked, taken, least, most in zip(joints, values, kept, low, high, strict=True):
+        if name == "goal":
+            self.asked[list(joints)] = values
+        for i, (joint, asked, least, most) in enumerate(zip(joints, values, low, high, strict=True)):
+            taken = kept[i]
             if asked == taken:
+                continue
+            if name == "goal" and self.winding[joint] and _ROUNDED < abs(asked - taken) < np.inf:
+                turns = np.ceil((asked - most) / TURN) if asked > most else np.floor((asked - least) / TURN)
+                kept[i] = asked - TURN * turns
                 continue
             said, lower, upper = told_apart(asked, least, most)
             outside = f"{name}: joint {self.robot.joint_names[joint]} is {said}, outside its limits [{lower}, {upper}]"
@@ -194,8 +236,20 @@ class _Finder:
         return kept
 
 
-def _apart(q: np.ndarray, others: list[np.ndarray]) -> bool:
-    return not others or bool(np.linalg.norm(np.array(others) - q, axis=1).min() > _APART)
+def _distances(Q: np.ndarray, q: np.ndarray, turns: Turning | None) -> np.ndarray:
+    """Return how far configurations Q (..., n) are from q (n,) [rad or m]."""
+    return np.asarray(np.linalg.norm(Q - q, axis=-1)) if turns is None else turns.distances(Q, q)
+
+
+def _apart(q: np.ndarray, others: list[np.ndarray], turns: Turning | None) -> bool:
+    return not others or bool(_distances(np.array(others), q, turns).min() > _APART)
+
+
+def _filled(values: np.ndarray, places: Sequence[int], size: int) -> np.ndarray:
+    """Return a vector (size,) that has values (m,) at some places and zeros at the others."""
+    whole = np.zeros(size)
+    whole[list(places)] = values
+    return whole
 
 
 def _off(nearest: tuple[float, float] | None) -> str:

@@ -196,7 +196,8 @@ class ProblemFile:
         margin: to obstacles, and inside what conditions bound, in planning; the check of the path has none [m].
         self_margin: between bodies of the robot, likewise [m].
         shortcuts: attempts to shorten the path.
-        goals: how many configurations the pose or region of a goal, or of a start, is turned into.
+        goals: how many configurations the pose or region of a goal, or of a start, is turned into; those of a goal are
+            searched from at all turns of their angles within the limits.
         spacing: of the written path's states [rad or m].
         speed: share of the joint velocity limits.
         seed: of everything random.

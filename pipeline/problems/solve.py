@@ -14,6 +14,8 @@ from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_l
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
 from pipeline.recording.content import SHORTEST_STEP
+from pipeline.robots.order import revolute
+from pipeline.robots.turning import TURN
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
 
 _FINER = 5.0  # the verifier's states lie this much closer than those planning checks along the path it finds
@@ -83,7 +85,7 @@ class Solution:
             "states_checked": verdict.states_checked if verdict is not None else 0,
             "starts": len(self.built.starts),
             "goals": len(self.built.goals),
-            "notes": list(self.built.notes),
+            "notes": [*self.built.notes, *turned(self.path, self.built)],
             "robot": self.built.robot.name,
             "joints": list(self.built.robot.joint_names),
             "constraint": self.built.constraint.name,
@@ -147,19 +149,33 @@ def often_in_contact(built: Built) -> dict[str, float]:
     robot), or an obstacle that stands in the robot.
     """
     rng, robot, pairs = np.random.default_rng(0), built.robot, Counter[str]()
-    for q in rng.uniform(robot.lower, robot.upper, (_HINTS, robot.dimension)):
+    for q in rng.uniform(*robot.box, (_HINTS, robot.dimension)):
         pairs.update(f"{one} with {other}" for one, other in built.exact.contacts(q))
     return {pair: times / _HINTS for pair, times in pairs.most_common() if times > _HINTS / 10}
 
 
 def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step: float) -> Verdict:
     """Return the verifier's verdict, at a step, on a path (T, n) between the start and goal it is nearest to."""
+    turns = built.robot.turns
     start, goal = (
-        ends[int(np.argmin(np.linalg.norm(ends - q, axis=1)))]
+        ends[int(np.argmin(np.linalg.norm(ends - q if turns is None else turns.wrapped(ends - q), axis=1)))]
         for ends, q in ((built.starts, path[0]), (built.goals, path[-1]))
     )
     leap = max(2.0 * spacing, space.parameters.leap * space.parameters.step)
     return verify(path, start, goal, built.constraint, built.exact, VerifierParameters(step=step, leap=leap))
+
+
+def turned(path: np.ndarray, built: Built) -> list[str]:
+    """Return a note for each joint whose angle at the end of a path (T, n) is whole turns from the file's goal."""
+    if not len(path):
+        return []
+    angles = revolute(built.robot.model) & np.isfinite(built.asked)
+    away = np.rint((path[-1] - np.where(angles, built.asked, path[-1])) / TURN).astype(int)
+    return [
+        f"goal: joint {built.robot.joint_names[i]} ends at {path[-1, i]:.6g}, {abs(away[i])} turn"
+        f"{'s' if abs(away[i]) > 1 else ''} from the file's {built.asked[i]:.6g}"
+        for i in np.flatnonzero(away).tolist()
+    ]
 
 
 def timestamps(path: np.ndarray, built: Built, speed: float) -> np.ndarray:

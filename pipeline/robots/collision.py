@@ -140,7 +140,8 @@ class Validity:
 
     def in_bounds(self, q: np.ndarray) -> bool:
         """True when every joint of q (n,) is finite and within its limits."""
-        return bool(np.all((q >= self.robot.lower) & (q <= self.robot.upper)))
+        inside = bool(np.all((q >= self.robot.lower) & (q <= self.robot.upper)))
+        return inside and (self.robot.turns is None or bool(np.isfinite(q).all()))
 
     def free(self, q: np.ndarray) -> bool:
         """True when q (n,) meets the conditions, keeps the margin to all obstacles and does not collide with itself."""

@@ -195,8 +195,10 @@ def make_movable(root: ET.Element, joint: str, movable: Movable) -> None:
         origin.set("xyz", _text(movable.xyz))
 
 
-def float_base(root: ET.Element, bounds: Mapping[str, Sequence[float]]) -> None:
+def float_base(root: ET.Element, bounds: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
     """Put six virtual joints, base_x to base_roll, between the world and the root link.
+
+    Returns the names of those that turn without end: angles whose bounds are a turn or more apart.
 
     Args:
         root: the <robot> element.
@@ -225,19 +227,26 @@ def float_base(root: ET.Element, bounds: Mapping[str, Sequence[float]]) -> None:
         lower, upper = (repr(float(bound)) for bound in bounds[name])
         ET.SubElement(joint, "limit", lower=lower, upper=upper, velocity="1.0", effort="0.0")
         before = after
+    return tuple(f"base_{name}" for name in VIRTUAL[3:] if bounds[name][1] - bounds[name][0] >= 2 * math.pi)
 
 
-def bound_continuous(root: ET.Element, bound: float) -> None:
-    """Give continuous joints limits of -bound and bound [rad]: configurations are points of R^n here."""
+def bound_continuous(root: ET.Element, bound: float) -> tuple[str, ...]:
+    """Make continuous joints revolute, with limits of -bound and bound [rad]: pinocchio has them as points of a circle.
+
+    Returns the names of these joints.
+    """
+    names = []
     for joint in root.findall("joint"):
         if joint.get("type") != "continuous":
             continue
+        names.append(str(joint.get("name")))
         joint.set("type", "revolute")
         limit = joint.find("limit")
         if limit is None:
             limit = ET.SubElement(joint, "limit", effort="0.0", velocity="1.0")
         limit.set("lower", repr(-bound))
         limit.set("upper", repr(bound))
+    return tuple(names)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from pipeline.robots import travel
 from pipeline.robots.bodies import body_of
 from pipeline.robots.shapes import BodyShape
 from pipeline.robots.symbolic import Pose, constant, joint_pose
+from pipeline.robots.turning import Turning
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,13 @@ class Robot:
         model: pinocchio model; every joint has one degree of freedom. Joints are in the order of the kinematic tree,
             variables need not be: that of a joint is q[model.idx_qs[joint]].
         geometry: collision geometry, with the self-collision pairs to check.
-        lower, upper: joint limits (n,) [rad or m].
+        lower, upper: joint limits (n,) [rad or m]; infinite for joints that turn. To draw from: see `box`.
         velocity: joint velocity limits (n,) [rad/s or m/s]; None where they are not known.
         rest: a configuration to begin with and to draw (n,); None where there is none.
         tool: the frame that constraints and goals speak of unless they name another; empty without one.
         base: names of the bodies that stand with the root link; they may touch what they stand on.
         touching: pairs of bodies by name that may touch, and how deep [m]; None for the usual depth (see `Validity`).
+        turning: which variables turn without end, a turn later being the same place (n,); none unless given.
     """
 
     name: str
@@ -42,6 +44,27 @@ class Robot:
     tool: str = ""
     base: frozenset[str] = frozenset()
     touching: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
+    turning: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __post_init__(self) -> None:
+        if not len(self.turning):
+            object.__setattr__(self, "turning", np.zeros(len(self.lower), bool))
+        limited = self.turning & (np.isfinite(self.lower) | np.isfinite(self.upper))
+        if limited.any():
+            name = self.joint_names[int(np.argmax(limited))]
+            raise RobotError(f"joint {name!r} of {self.name!r} has limits and turns without end; it can do one of both")
+
+    @cached_property
+    def turns(self) -> Turning | None:
+        """How to measure where joints turn; None where none does."""
+        return Turning(self.turning) if self.turning.any() else None
+
+    @cached_property
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n,) and (n,) to draw configurations from [rad or m]: the limits, and one turn of joints that turn."""
+        if not self.turning.any():
+            return self.lower, self.upper
+        return np.where(self.turning, -np.pi, self.lower), np.where(self.turning, np.pi, self.upper)
 
     @property
     def dimension(self) -> int:

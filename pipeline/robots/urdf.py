@@ -48,8 +48,9 @@ class UrdfRobot:
         ignored: further pairs of links that are not checked against each other.
         movable: fixed joints of the file that move after all, by name.
         floating: limits of a floating base's six virtual joints (`description.VIRTUAL`) [m, rad]; empty for a base
-            that stands still.
-        continuous: limit given to joints without limits, in both directions [rad].
+            that stands still. Angles whose limits are a turn or more apart turn without end.
+        continuous: limit given to continuous joints, in both directions [rad], for what must not wind up (cables). None
+            lets them turn without end: an angle and the same angle a turn later are one place.
     """
 
     urdf: str
@@ -65,10 +66,11 @@ class UrdfRobot:
     ignored: tuple[tuple[str, ...], ...] = ()
     movable: dict[str, Movable] = field(default_factory=dict)
     floating: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    continuous: float = 2 * np.pi
+    continuous: float | None = None
 
     def __post_init__(self) -> None:
-        require("robot.continuous", self.continuous, above=0, unit=" rad")
+        if self.continuous is not None:
+            require("robot.continuous", self.continuous, above=0, unit=" rad")
 
     def robot(self) -> Robot:
         """Read the files and return the planning group.
@@ -97,15 +99,17 @@ class UrdfRobot:
                         unknown(f"ignored of robot {self.name!r} names a link that does not exist:", link, links)
                     )
         followers = take_followers(root, path)
-        bound_continuous(root, self.continuous)
+        continuous = bound_continuous(root, np.pi if self.continuous is None else self.continuous)
+        endless = set(continuous if self.continuous is None else ())
         if self.floating:
-            float_base(root, self.floating)
+            endless.update(float_base(root, self.floating))
         text = ET.tostring(root, encoding="unicode")
         try:
             model = pin.buildModelFromXML(text)
             geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
         except Exception as error:  # what pinocchio's and assimp's C++ throw has no common class
             raise RobotError(f"{path} cannot be loaded: {str(error).strip()}") from None
+        _unbound(model, endless)
         geometry = simplified(geometry, self.geometry)
         base = frozenset(body.name for body in geometry.geometryObjects if not body.parentJoint)
         fastened = [str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") == "fixed"]
@@ -120,7 +124,7 @@ class UrdfRobot:
         model = in_order(model, self.joints)
         lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         for name, low, high in zip(self.joints, lower, upper, strict=True):
-            if not np.isfinite([low, high]).all():
+            if name not in endless and not np.isfinite([low, high]).all():
                 raise RobotError(f"joint {name!r} of {self.name!r} has limits {low} and {high}; they must be finite")
             if low == high:
                 raise RobotError(
@@ -138,6 +142,7 @@ class UrdfRobot:
             rest=np.clip([standing[name] for name in self.joints], lower, upper),
             tool=self.tool,
             base=base,
+            turning=np.array([name in endless for name in self.joints], bool),
         )
         robot.frame_id(self.tool)
         return robot
@@ -225,6 +230,14 @@ class UrdfRobot:
                 f"stands at {value}: leave it out, or say where {led_by[-1]!r} stands"
             )
         return value
+
+
+def _unbound(model: pin.Model, names: Iterable[str]) -> None:
+    """Take the limits from joints of a model."""
+    for bounds, infinity in (("lowerPositionLimit", -np.inf), ("upperPositionLimit", np.inf)):
+        values = np.array(getattr(model, bounds))
+        values[[model.joints[model.getJointId(name)].idx_q for name in names]] = infinity
+        setattr(model, bounds, values)
 
 
 def _configuration(model: pin.Model, standing: Mapping[str, float]) -> np.ndarray:

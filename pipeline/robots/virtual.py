@@ -27,8 +27,9 @@ class VirtualJoint:
     Attributes:
         direction: index into `DIRECTIONS`.
         before: its place after the joint before it.
-        lower, upper: limits [m or rad].
+        lower, upper: limits [m or rad]; of an angle that turns only where its middle is.
         name: of the configuration variable.
+        turns: whether it is an angle that turns without end.
     """
 
     direction: int
@@ -36,6 +37,7 @@ class VirtualJoint:
     lower: float
     upper: float
     name: str
+    turns: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def with_virtual_chain(robot: Robot, chain: Sequence[VirtualJoint | VirtualFrame
         RobotError: a name that the robot already has, or limits that are not finite or out of order.
     """
     model = pin.Model(robot.model)
-    joint, limits = 0, []
+    joint, limits, turning = 0, [], []
     for link in chain:
         if isinstance(link, VirtualFrame):
             if model.existFrame(link.name):
@@ -70,6 +72,7 @@ def with_virtual_chain(robot: Robot, chain: Sequence[VirtualJoint | VirtualFrame
             )
         joint = model.addJoint(joint, _JOINTS[link.direction](), link.before, link.name)
         limits.append((link.lower, link.upper))
+        turning.append(link.turns)
     bounds = np.array(limits).reshape(-1, 2)
     free = len(bounds)
     rest = np.zeros(robot.dimension) if robot.rest is None else robot.rest
@@ -77,8 +80,9 @@ def with_virtual_chain(robot: Robot, chain: Sequence[VirtualJoint | VirtualFrame
         robot,
         model=model,
         geometry=robot.geometry.copy(),
-        lower=np.concatenate([robot.lower, bounds[:, 0]]),
-        upper=np.concatenate([robot.upper, bounds[:, 1]]),
+        lower=np.concatenate([robot.lower, np.where(turning, -np.inf, bounds[:, 0])]),
+        upper=np.concatenate([robot.upper, np.where(turning, np.inf, bounds[:, 1])]),
+        turning=np.concatenate([robot.turning, np.array(turning, bool)]),
         velocity=None if robot.velocity is None else np.concatenate([robot.velocity, np.full(free, np.inf)]),
         rest=np.concatenate([rest, bounds.mean(axis=1)]),
     )

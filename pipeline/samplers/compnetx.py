@@ -107,6 +107,8 @@ class CompnetxSampler(Sampler):
         """Return `points` per proposal, the proposals first (K points, n)."""
         if self.points > 1:
             share = self.rng.random((self.points - 1, len(proposals), 1))
-            between = current + share * (proposals - current)
+            turns = self.adherence.turns
+            way = proposals - current
+            between = current + share * (way if turns is None else turns.wrapped(way))
             proposals = np.concatenate([proposals, *between])
         return proposals + self.spread * self.rng.standard_normal(proposals.shape) if self.spread else proposals

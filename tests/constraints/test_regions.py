@@ -372,8 +372,8 @@ def test_malformed_is_refused(case):
         ((-INF, INF), (-np.pi, np.pi)),
     ],
 )
-def test_free_angles_keep_their_range(bounds, limits):
-    """A chain's angle with bounds a turn apart keeps them as joint limits; missing ones make it a whole turn."""
+def test_free_angles_rest_in_the_middle(bounds, limits):
+    """A chain's angle with bounds a turn apart turns without end, and rests in the middle of them."""
     low, high = bounds
     held = chain(named("panda"), [TaskSpaceRegion((0, 0, 0, 0, 0, low), (0, 0, 0, 0, 0, high))])
-    assert (held.robot.lower[7], held.robot.upper[7]) == pytest.approx(limits)
+    assert held.robot.turning[7] and held.robot.rest[7] == pytest.approx(np.mean(limits))

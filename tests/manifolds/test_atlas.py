@@ -101,7 +101,7 @@ def test_exponential_of_the_sphere():
         ({}, REACH),
         ({"rho": 0.08}, 0.08),
         # |u| = sin(angle), the chord is 2 sin(angle / 2), their ratio cos(angle / 2): alpha is half of the angle.
-        ({"epsilon": 10.0, "alpha": 0.2}, np.sin(0.4)),
+        ({"epsilon": 10.0, "alpha": 0.2, "step": 11.0, "resolution": 1.0}, np.sin(0.4)),
     ],
 )
 def test_region_of_equation_5(settings, bound):
@@ -172,7 +172,7 @@ def test_charts_do_not_overlap(rho):
     assert held > 0.85 * 700
 
 
-@pytest.mark.parametrize("settings", [{}, {"rho": 0.3}, {"epsilon": 0.05}])
+@pytest.mark.parametrize("settings", [{}, {"rho": 0.3}, {"epsilon": 0.04}])
 def test_charts_cover_the_sphere(settings):
     """A grown atlas holds all points of the sphere but slivers along borders, and is not larger than it must be."""
     parameters, rng = AtlasParameters(**settings), np.random.default_rng(0)

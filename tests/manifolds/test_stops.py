@@ -160,13 +160,6 @@ def test_away_in_a_chart(method):
 
 
 @pytest.mark.parametrize("method", CHARTED)
-def test_stalled(method):
-    """Where a step is shorter than epsilon the walk ends at once."""
-    walk = sphere_space(method, step=0.02, epsilon=0.03, resolution=0.01).traverse(A, B)
-    assert walk.stop is Stop.STALLED and len(walk.states) == 0
-
-
-@pytest.mark.parametrize("method", CHARTED)
 def test_folded(method):
     """The opposite point lies above the first chart's origin: over it in the chart, but on another fold."""
     space = sphere_space(method)

@@ -20,5 +20,5 @@ def named(name: str) -> Robot:
 
 
 def configurations(robot: Robot, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Uniform configurations within the limits (count, n)."""
-    return rng.uniform(robot.lower, robot.upper, (count, robot.dimension))
+    """Uniform configurations within the limits, and one turn of joints that turn (count, n)."""
+    return rng.uniform(*robot.box, (count, robot.dimension))

@@ -17,7 +17,16 @@ from pipeline.schema import Choice
 from tests.robots.named import FOLDER, ROBOT_NAMES, configurations, named
 
 SHARE = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
-DIMENSIONS = {"baxter_right": 7, "baxter_both": 14, "panda": 7, "sawyer": 7, "olivia": 17, "pholus": 41, "ur5": 6}
+DIMENSIONS = {
+    "baxter_right": 7,
+    "baxter_both": 14,
+    "panda": 7,
+    "sawyer": 7,
+    "olivia": 17,
+    "pholus": 41,
+    "ur5": 6,
+    "kinova": 6,
+}
 FRAMES = {
     "baxter_right": ["right_gripper", "right_lower_elbow"],
     "baxter_both": ["left_gripper", "right_gripper"],
@@ -26,6 +35,7 @@ FRAMES = {
     "olivia": ["left_palm", "right_palm"],
     "pholus": ["ball1", "ball2", "contact_1", "contact_2", "contact_3", "contact_4"],
     "ur5": ["tool0", "forearm_link"],
+    "kinova": ["j2s6s200_end_effector", "j2s6s200_link_3"],
 }
 
 
@@ -36,10 +46,11 @@ def test_every_config_is_tested():
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_rests_free(name):
-    """Every named robot has its number of joints, finite limits and velocities, and rests valid within its limits."""
+    """Every named robot has its joints, velocities, limits where joints do not turn, and rests valid within them."""
     robot = named(name)
     assert robot.dimension == DIMENSIONS[name] == len(robot.joint_names)
-    assert np.isfinite([robot.lower, robot.upper]).all() and (robot.velocity > 0).all()
+    np.testing.assert_array_equal(np.isfinite([robot.lower, robot.upper]), [~robot.turning] * 2)
+    assert np.isfinite(robot.box).all() and (robot.velocity > 0).all()
     validity = Validity(robot, [])
     assert validity.valid(robot.rest)
     # A floating base and twenty leg joints anywhere mostly put legs into each other.
@@ -205,12 +216,26 @@ def tiny(tmp_path: Path, text: str = TINY, **settings) -> UrdfRobot:
     return replace(UrdfRobot(str(path), ("one", "two"), "d", "tiny"), **settings)
 
 
-def test_continuous_joints_get_limits(tmp_path):
-    """A joint without limits turns a whole turn each way unless told otherwise; a file of one's own is enough."""
-    robot = tiny(tmp_path).robot()
-    np.testing.assert_allclose(robot.upper, [1, 2 * np.pi])
-    np.testing.assert_allclose(tiny(tmp_path, continuous=3.0).robot().lower, [-1, -3])
+def test_continuous_joints_turn_unless_they_get_limits(tmp_path):
+    """A joint without limits turns without end unless it is given some; a file of one's own is enough."""
+    robot, bounded = tiny(tmp_path).robot(), tiny(tmp_path, continuous=3.0).robot()
+    np.testing.assert_array_equal(robot.upper, [1, np.inf])
+    np.testing.assert_array_equal(robot.turning, [False, True])
+    np.testing.assert_allclose(bounded.lower, [-1, -3])
+    assert not bounded.turning.any()
+    swapped = tiny(tmp_path, joints=("two", "one"), rest={"two": 7.0}).robot()
+    np.testing.assert_array_equal(swapped.turning, [True, False])
+    assert swapped.rest[0] == 7.0 and tiny(tmp_path, joints=("one",), fixed={"two": -9.0}).robot().dimension == 1
     assert robot.pose(np.array([0.0, np.pi / 2]), "d").translation == pytest.approx([1, 0, -0.5])
+
+
+def test_a_base_that_may_face_anywhere_turns(tmp_path):
+    """Of a floating base those angles turn without end whose limits are a turn or more apart."""
+    bounds = {axis: (-1.0, 1.0) for axis in ("x", "y", "z", "yaw", "pitch", "roll")}
+    for yaw, turns in (((-np.pi, np.pi), True), ((0.0, 9.0), True), ((-3.1, 3.1), False)):
+        base = {"joints": ("base_x", "base_yaw", "two"), "floating": {**bounds, "yaw": yaw}}
+        robot = tiny(tmp_path, **base, continuous=2.0).robot()
+        assert robot.turning.tolist() == [False, turns, False] and np.isinf(robot.upper[1]) == turns
 
 
 def test_fixed_joint_can_be_made_movable(tmp_path):
