@@ -35,10 +35,11 @@ class ChordProof:
         displacement: of the robot; made once for all of its scenes.
         typical: how fast bodies move along a typical chord, by relation [m]. Reserves have this shape, so that none is
             used up long before the others.
+        parts: of every chord, on which speeds are bounded.
     """
 
-    def __init__(self, validity: Validity, displacement: Displacement, typical: np.ndarray) -> None:
-        self.validity, self._displacement = validity, displacement
+    def __init__(self, validity: Validity, displacement: Displacement, typical: np.ndarray, parts: int = 1) -> None:
+        self.validity, self._displacement, self._parts = validity, displacement, parts
         largest = typical.max(initial=_NOTHING)
         self._shape = np.maximum(typical / largest, _LEAST)  # (relations,)
         self._reserves = [_LARGEST]
@@ -77,6 +78,7 @@ class ChordProof:
         finite = np.isfinite(states).all(axis=1)
         if not finite.all():
             return max(int(np.argmin(finite)) - 1, 0)
+        states = cut(states, self._parts)
         steps = np.diff(states, axis=0)
         # As shares of the shape: where this has grown by a class's reserve, one of the bodies may have used up its own.
         ways = (self._displacement.rates(states) / self._shape).max(axis=1, initial=0.0)
@@ -94,7 +96,7 @@ class ChordProof:
                 if held == _TRUSTED and size:
                     size, held = size - 1, 0
             elif size == smallest:
-                return i
+                return i // self._parts
             else:
                 size, held = size + 1, 0
         return None
@@ -105,3 +107,12 @@ class ChordProof:
             reserves = np.append(self._reserves[size] * self._shape, 0.0)  # -1 finds the last: of no relation
             self._checkers[size] = self.validity.reserving(reserves[of.of_bodies], reserves[of.of_pairs].sum(axis=1))
         return self._checkers[size]
+
+
+def cut(states: np.ndarray, parts: int) -> np.ndarray:
+    """Return a path (T, n) with every chord in so many equal parts."""
+    if parts == 1:
+        return states
+    shares = np.arange(parts)[:, None] / parts
+    points = states[:-1, None] + shares * np.diff(states, axis=0)[:, None]  # (T - 1, parts, n)
+    return np.concatenate([points.reshape(-1, states.shape[1]), states[-1:]])

@@ -69,10 +69,11 @@ class Displacement:
 
     def rates(self, Q: np.ndarray) -> np.ndarray:
         """Return bounds on |x'(s)| over the chords between neighbouring rows of Q (T, n), as (T - 1, relations) [m]."""
-        moved = np.square(np.diff(self._poses(Q), axis=0))  # (T - 1, relations, 12)
+        moved = np.diff(self._poses(Q), axis=0)  # (T - 1, relations, 12)
+        rotated, shifted = (np.einsum("trk,trk->tr", part, part) for part in (moved[:, :, :9], moved[:, :, 9:]))
         # Two rotations an angle a apart move a unit vector by at most 2 sin(a / 2), which is |R1 - R0|_F / sqrt(2).
-        turned = np.sqrt(moved[:, :, :9].sum(axis=2) / 2)
-        return np.sqrt(moved[:, :, 9:].sum(axis=2)) + self._far * turned + self._bows(np.abs(np.diff(Q, axis=0)))
+        turned = np.sqrt(rotated / 2)
+        return np.sqrt(shifted) + self._far * turned + self._bows(np.abs(np.diff(Q, axis=0)))
 
     def _bows(self, dq: np.ndarray) -> np.ndarray:
         """Return max |x''| / 2 of chords with steps |dq| (C, n), as (C, relations)."""
