@@ -99,10 +99,13 @@ def pair(trials: pd.DataFrame, scenario: str, adherence: str, first: str, second
     return joined.sort_values(key, ignore_index=True)
 
 
-def both_solved(pairs: pd.DataFrame, column: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return a column of the first and the second method (n,), (n,) on the problems of `pair` that both solved."""
+def both_solved(pairs: pd.DataFrame, column: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a column of the first and the second method (n,), (n,) on the problems of `pair` that both solved.
+
+    The third array (n,) holds their scenes.
+    """
     both = pairs[pairs["solved_1"] & pairs["solved_2"]]
-    return both[f"{column}_1"].to_numpy(float), both[f"{column}_2"].to_numpy(float)
+    return both[f"{column}_1"].to_numpy(float), both[f"{column}_2"].to_numpy(float), both["scene"].to_numpy(str)
 
 
 def path_array(row: pd.Series) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
-from pipeline.evaluation import Center, Comparison, Interval, paired_interval, summary, wilson
+from pipeline.evaluation import Center, Comparison, Interval, paired_interval, success_interval, summary
 from pipeline.reporting import text
 from pipeline.reporting.frames import LEARNED, both_solved, check_trials, groups, ordered, pair
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
@@ -62,7 +62,7 @@ def verdict_summary(verdicts: pd.DataFrame) -> pd.DataFrame:
 def _success(trials: pd.DataFrame, scenario: str, paper: Sequence[PaperResult]) -> Iterator[tuple[str, ...]]:
     for method, adherence, group in groups(trials, scenario):
         said = find(paper, scenario, method, adherence)
-        ours = wilson(int(group["solved"].astype(bool).sum()), len(group))
+        ours = success_interval(group["solved"], group["scene"])
         head = (scenario, SUCCESS, method, adherence)
         if said is None or said.success is None:
             yield (*head, NO_NUMBER, text.rate(ours), text.NONE, "")
@@ -81,8 +81,8 @@ def _speed(
     center: Center,
 ) -> tuple[str, ...]:
     learned, classical = f"{LEARNED}FMT*", "FMT*"
-    fast, slow = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
-    ours = paired_interval(slow, fast, Comparison.RATIO, center)
+    fast, slow, scenes = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
+    ours = paired_interval(slow, fast, scenes, Comparison.RATIO, center)
     printed = speed_up(paper, scenario, adherence, learned, classical)
     head = (scenario, expectation, f"{learned} / {classical}", adherence)
     if printed is None:
@@ -97,7 +97,7 @@ def _shorter(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, 
     lengths = both_solved(pair(trials, scenario, adherence, learned, classical), "path_length")
     ours = paired_interval(*lengths)
     head = (scenario, SHORTER, f"{learned} - {classical}", adherence)
-    medians = " m and ".join(text.number(summary(side).median) for side in lengths)
+    medians = " m and ".join(text.number(summary(side).median) for side in lengths[:2])
     remark = _join([_doubt(ours, 0.0), f"medians {medians} m", f"n = {len(lengths[0])}"])
     return (*head, _answer(ours, ours.estimate < 0), text.interval(ours, " m"), "shorter", remark)
 
