@@ -62,7 +62,7 @@ def success_bars(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
     def draw(axes: Axes, place: Place) -> int:
         axes.set_ylim(0, 105)
         n = len(place.trials)
-        rate = success_interval(place.trials["solved"], place.trials["scene"])
+        rate = success_interval(place.trials["solved"].to_numpy(bool), place.trials["scene"].to_numpy(str))
         if n:
             axes.bar(place.x, 100 * rate.estimate, 0.8, color=place.color, edgecolor="black", linewidth=0.6)
             ends = [[100 * max(0.0, rate.estimate - rate.low)], [100 * max(0.0, rate.high - rate.estimate)]]

@@ -127,7 +127,7 @@ def _outcome(group: pd.DataFrame, said: PaperResult) -> dict[str, object]:
     solved = group[group["solved"].astype(bool)]
     cells: dict[str, object] = {
         "n": len(group), "n solved": len(solved),
-        "success [95 %]": text.rate(success_interval(group["solved"], group["scene"])),
+        "success [95 %]": text.rate(success_interval(group["solved"].to_numpy(bool), group["scene"].to_numpy(str))),
         "paper: success": said.success_text, "paper: time [s]": said.time_text, "paper: length": said.length_text,
     }  # fmt: skip
     cells |= _location("time, all trials", "s", group["planning_time"], p95=False)

@@ -62,7 +62,7 @@ def verdict_summary(verdicts: pd.DataFrame) -> pd.DataFrame:
 def _success(trials: pd.DataFrame, scenario: str, paper: Sequence[PaperResult]) -> Iterator[tuple[str, ...]]:
     for method, adherence, group in groups(trials, scenario):
         said = find(paper, scenario, method, adherence)
-        ours = success_interval(group["solved"], group["scene"])
+        ours = success_interval(group["solved"].to_numpy(bool), group["scene"].to_numpy(str))
         head = (scenario, SUCCESS, method, adherence)
         if said is None or said.success is None:
             yield (*head, NO_NUMBER, text.rate(ours), text.NONE, "")
