@@ -41,6 +41,7 @@ INTERVALS = (
 )
 PAIRED_NOTE = (
     "Both solved: the problems that both methods solved; the ratio and the difference are over these only. "
+    "'FMT*, tuned' has the setting that was chosen for it as ours was for ours; 'FMT*' is the paper's setting. "
     "A ratio above 1 means that the learned method is faster, a negative difference that its paths are shorter. "
     f"{INTERVALS} The "
     "paper's ratio is of mean times, each over the problems that method solved."
