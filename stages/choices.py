@@ -13,7 +13,7 @@ from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.environments.oracle import shards
-from pipeline.evaluation.choices import Variant, variants
+from pipeline.evaluation.choices import Variant, variant_settings, variants
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays, write_json, write_table
@@ -65,6 +65,7 @@ def main(cfg: DictConfig) -> None:
     ):
         trials = pd.concat(measured.frames, ignore_index=True).drop(columns=["path", "waypoints", "dimension"])
         write_table(trials, out / "trials.parquet", "trials")
+        write_json(variant_settings(config.bases, config.variants), out / "methods.json", "variants")
         write_json(measured.provenance, out / "hardware.json", "hardware")
 
 

@@ -58,13 +58,14 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     scenes = read_scenes(folder(config.profile.name, "scenes", name))
     obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
+    tried = read_json(folder(config.profile.name, "choices", name) / "methods.json", "variants")
     provenance, stills = _provenance(config, name), reporting.Stills(config.plain_stills)
     figures = out / name  # beside the page, which links to it by this name
     pictures = {
         **reporting.sphere_figures(trials, curves, figures),
         **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
     }
-    reporting.write(reporting.sphere_page(trials, pictures, provenance, choices, settings), out / f"{name}.md")
+    reporting.write(reporting.sphere_page(trials, pictures, provenance, choices, settings, tried), out / f"{name}.md")
     return reporting.sphere_summary(trials, pictures, provenance)
 
 

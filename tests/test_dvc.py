@@ -357,6 +357,8 @@ def smoke(tmp_path_factory) -> tuple[Path, str]:
         "conf/environment/sphere.yaml": {"blocks": 80, "grid": 5000},
         "conf/planner/fmt.yaml": {"samples": 60},
         "conf/planner/fmt_learned.yaml": {"samples": 60},
+        "conf/planner/fmt_tuned.yaml": {"samples": 60},
+        "conf/planner/fmt_algorithm6.yaml": {"samples": 60},
         "conf/benchmark.yaml": {"cloud": 20, "time_limit": 1.0},
         "conf/choices.yaml": {"time_limit": 0.1},
         "conf/scenes.yaml": {"workers": 1},

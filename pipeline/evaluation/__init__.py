@@ -1,5 +1,6 @@
 """Evaluation: the independent verifier, the trial runner (`pipeline.evaluation.trials`) and the statistics."""
 
+from pipeline.evaluation.clusters import paired_interval, success_interval
 from pipeline.evaluation.statistics import (
     Center,
     Comparison,
@@ -8,7 +9,6 @@ from pipeline.evaluation.statistics import (
     Method,
     Summary,
     mcnemar,
-    paired_interval,
     summary,
     wilson,
 )
@@ -26,6 +26,7 @@ __all__ = [
     "VerifierParameters",
     "mcnemar",
     "paired_interval",
+    "success_interval",
     "summary",
     "verify",
     "wilson",

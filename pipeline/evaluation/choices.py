@@ -1,6 +1,5 @@
 """Variants of methods, to show what a choice costs and brings."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -60,10 +59,25 @@ def variants(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[st
     return found
 
 
+def variant_settings(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[str, dict[str, Any]]:
+    """Return the label of the 'base' and the parameters of 'planner' and 'sampler' of every variant, by its label."""
+    methods = variants(bases, changed)
+    return {
+        method.label: {
+            "base": bases[variant.base].label,
+            "planner": dict(method.planner.parameters),
+            "sampler": dict(method.sampler.parameters),
+        }
+        for variant, method in zip(changed, methods.values(), strict=True)
+    }
+
+
 _PROBLEM = ["scenario", "scene", "problem", "adherence"]
 
 
-def equal_sizes_table(trials: pd.DataFrame, sizes: Mapping[str, int], first: str, second: str) -> pd.DataFrame:
+def equal_sizes_table(
+    trials: pd.DataFrame, settings: Mapping[str, Mapping[str, Any]], first: str, second: str
+) -> pd.DataFrame:
     """Return one row per N_init with which two methods were both tried: median times and lengths, ratio of the times.
 
     The variant of a method that stands for a size is the first one with it. Lengths are of the problems that both
@@ -71,15 +85,14 @@ def equal_sizes_table(trials: pd.DataFrame, sizes: Mapping[str, int], first: str
 
     Args:
         trials: of the variants.
-        sizes: N_init of the methods themselves.
+        settings: of the variants, by `variant_settings`.
         first: label of the method whose times stand above the fraction line.
         second: label of the other.
     """
     found: dict[str, dict[int, pd.DataFrame]] = {first: {}, second: {}}
     for label, group in trials.groupby("method", sort=False):
-        base, _, changes = str(label).partition(" (")
-        stated = re.search(r"\bsamples = (\d+)", changes)
-        size = int(stated[1]) if stated else sizes.get(base)
+        parts = settings[str(label)]
+        base, size = parts["base"], parts["planner"].get("samples")
         if base in found and size is not None:
             found[base].setdefault(size, group.set_index(_PROBLEM))
     rows = []

@@ -18,7 +18,7 @@ import torch
 
 from pipeline.environments import Environment, Scene, validity
 from pipeline.environments.oracle import Oracle, demonstrate, shards
-from pipeline.errors import require
+from pipeline.errors import ConfigError, require
 from pipeline.evaluation.statistics import summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.learning import CompnetxNetwork, Model, Products
@@ -29,6 +29,7 @@ from pipeline.parallel import run_shards
 from pipeline.planners import PLANNERS, Planner, Problem, Termination
 from pipeline.robots import Validity
 from pipeline.samplers import UniformSampler
+from pipeline.samplers.choices import check_sampler
 from pipeline.schema import Choice
 
 log = logging.getLogger(__name__)
@@ -38,8 +39,7 @@ SCALING = (
     "of the machine", "in rounds: least", "in rounds: most", "same paths",
 )  # fmt: skip
 _WARM_UP = 10  # calls that are not counted
-_LEARNED = 100  # rows of a call by FMT*, see conf/sampler/compnetx_batch.yaml
-_BATCH = 32  # rows of a batch, of projections and network samples alike: a block of the uniform sampler
+_BATCH = 32  # rows of a batch of projections: a block of the uniform sampler
 _EDGE = 0.3  # length of a typical edge of FMT* [m]
 _Part = tuple[str, str, np.ndarray]  # name, what of, cost of each repetition [us]
 
@@ -50,17 +50,28 @@ class Parts:
 
     Attributes:
         planner: whose walks are timed.
+        samplers: learned ones by key; the network is asked for as many samples at once as they ask it for.
         plans: per adherence, one problem each; the problems are taken again when they run out.
         calls: of every other part.
     """
 
     planner: Choice
+    samplers: dict[str, Choice]
     plans: int
     calls: int
 
     def __post_init__(self) -> None:
+        for key, choice in self.samplers.items():
+            check_sampler(choice)
+            if "batch" not in choice.parameters:
+                raise ConfigError(f"parts.samplers.{key} names no batch: how many samples are asked for at once?")
         for name in ("plans", "calls"):
             require(f"parts.{name}", getattr(self, name), at_least=1)
+
+    @property
+    def batches(self) -> list[int]:
+        """Numbers of samples that the network is asked for at once, ascending."""
+        return sorted({int(choice.parameters["batch"]) for choice in self.samplers.values()})
 
 
 @dataclass(frozen=True)
@@ -258,7 +269,7 @@ def _network(place: Workplace, model: Model, voxels: np.ndarray, rng: np.random.
     plain.encode(0, voxels)
     # A new key every time: a scene that is known already costs nothing.
     yield "scene encoding", "scene", times_us(lambda _: network.encode(next(keys), voxels), range(place.parts.calls))
-    for K in (1, _BATCH, _LEARNED):
+    for K in place.parts.batches:
         pairs = rng.uniform(*robot.box, (place.parts.calls, 2, K, robot.dimension))
         us = times_us(lambda pair: network.sample(0, pair[0], pair[1], rng), pairs)
         yield f"network sample, K = {K}", "call", us

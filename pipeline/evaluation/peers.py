@@ -22,7 +22,8 @@ import pandas as pd
 from pipeline.constraints import Constraint
 from pipeline.environments import Environment, Scene, validity
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.statistics import Center, Comparison, Summary, paired_interval, summary, wilson
+from pipeline.evaluation.clusters import paired_interval, success_interval
+from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
 from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, AtlasParameters, make_adherence
 from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
@@ -43,8 +44,8 @@ PLANNING = (
 )  # fmt: skip
 PARITY = (
     "planner", SPACING, "adherence", "route", "against", "n",
-    "verified: ours", "verified: OMPL", "only ours", "only OMPL", "both", "success: ours [95 % Wilson]",
-    "success: OMPL [95 % Wilson]", "mean length, both: ours [m]", "mean length, both: OMPL [m]", "ours - OMPL [m]",
+    "verified: ours", "verified: OMPL", "only ours", "only OMPL", "both", "success: ours [95 %]",
+    "success: OMPL [95 %]", "mean length, both: ours [m]", "mean length, both: OMPL [m]", "ours - OMPL [m]",
     "95 % from", "95 % to", "ours / OMPL, problem by problem, median [95 %]",
 )  # fmt: skip
 _OWN = (OURS, SAME, CHARTED)
@@ -152,8 +153,8 @@ def contest_trials(
 ) -> pd.DataFrame:
     """Plan the problems with all planners, adherences, routes and spacings; one row per plan, in this order.
 
-    Columns: problem (its place among the problems), planner, adherence, route, delta (NaN for ours as it is), claimed,
-    verified, planning_time [s], path_length [m] (NaN when not verified).
+    Columns: scene, problem (its place among the problems), planner, adherence, route, delta (NaN for ours as it is),
+    claimed, verified, planning_time [s], path_length [m] (NaN when not verified).
     """
     robot, constraint, begin = environment.robot(), environment.constraint(), time.monotonic()
     named = {name: scenes[name] for name in problems["scene"].unique()}
@@ -178,8 +179,9 @@ def contest_trials(
             result = entrant.plan(problem, contest.time_limit, seed)
             verdict = verify(result.path, start, goal, constraint, exact[asked.scene], contest.verifier)
             rows.append({
-                "problem": place, "planner": entrant.planner, "adherence": entrant.adherence, "route": entrant.route,
-                "delta": entrant.delta, "claimed": result.solved, "verified": verdict.passed,
+                "scene": asked.scene, "problem": place, "planner": entrant.planner,
+                "adherence": entrant.adherence, "route": entrant.route, "delta": entrant.delta,
+                "claimed": result.solved, "verified": verdict.passed,
                 "planning_time": result.planning_time, "path_length": verdict.length if verdict.passed else np.nan,
             })  # fmt: skip
         log.info("planning: problem %d of %d after %.0f s", place + 1, contest.problems, time.monotonic() - begin)
@@ -201,7 +203,7 @@ def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
             times = _milliseconds(part)
             ratios: tuple[float, ...] = (np.nan,) * 6
             if route not in _OWN:
-                found = paired_interval(_paired(group, str(route)), _paired(group, rival), Comparison.RATIO)
+                found = paired_interval(*_paired(group, str(route), rival), Comparison.RATIO)
                 as_it_is = times.median / _milliseconds(group[group["route"] == OURS]).median
                 ratios = (found.estimate, found.low, found.high, times.p95 / p95s[rival])
                 ratios += (as_it_is, times.p95 / p95s[OURS])
@@ -232,11 +234,12 @@ def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
             counts = (len(x), x.sum(), y.sum(), (x & ~y).sum(), (~x & y).sum(), (x & y).sum())
             own, peer = (side["path_length"].to_numpy(float)[x & y] for side in (ours, other))
             means = (summary(own).mean, summary(peer).mean)
-            found = paired_interval(own, peer, center=Center.MEAN)
+            where = ours["scene"].to_numpy(str)
+            found = paired_interval(own, peer, where[x & y], center=Center.MEAN)
             difference = (found.estimate, found.low, found.high)
-            each = paired_interval(own / peer, np.ones(len(peer)), Comparison.RATIO)
+            each = paired_interval(own / peer, np.ones(len(peer)), where[x & y], Comparison.RATIO)
             ratio = f"{each.estimate:.3f} [{each.low:.3f}, {each.high:.3f}]"
-            rates = [_rate(int(side.sum()), len(side)) for side in (x, y)]
+            rates = [_rate(side, where) for side in (x, y)]
             names = (planner, delta, adherence, route, str(against))
             rows.append((*names, *map(int, counts), *rates, *means, *difference, ratio))
     return pd.DataFrame(rows, columns=list(PARITY))
@@ -288,13 +291,15 @@ def parity_lines(table: pd.DataFrame) -> list[str]:
     return lines
 
 
-def _paired(group: pd.DataFrame, route: str) -> np.ndarray:
-    """Return the planning times of a route, problem by problem (n,) [s]."""
-    return group[group["route"] == route].sort_values("problem")["planning_time"].to_numpy(float)
+def _paired(group: pd.DataFrame, route: str, rival: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the planning times of two routes, problem by problem (n,), (n,) [s], and the scenes (n,)."""
+    first, second = (group[group["route"] == name].sort_values("problem") for name in (route, rival))
+    name = "planning_time"
+    return first[name].to_numpy(float), second[name].to_numpy(float), first["scene"].to_numpy(str)
 
 
-def _rate(solved: int, trials: int) -> str:
-    found = wilson(solved, trials)
+def _rate(solved: np.ndarray, scenes: np.ndarray) -> str:
+    found = success_interval(solved, scenes)
     return f"{100 * found.estimate:.3g} % [{100 * found.low:.3g}, {100 * found.high:.3g}]"
 
 

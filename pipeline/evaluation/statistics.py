@@ -1,10 +1,6 @@
-"""Statistics of trials: success rates, paired comparisons and summaries, each with its interval.
+"""Statistics of trials: success rates, tests and summaries; intervals over scenes are in `clusters`."""
 
-Planners are compared on the same problems, so comparisons are paired: a resample draws problems, not trials.
-"""
-
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -14,10 +10,6 @@ from scipy import stats
 from pipeline.errors import ConfigError
 
 Values = Sequence[float] | np.ndarray
-
-RESAMPLES = 9999  # scipy's default
-_JACKKNIFE = 2000  # BCa leaves out every pair once, n^2 numbers; from here on its correction is far below the width
-_NUMBERS = 2_000_000  # resampled values held in memory at a time
 
 
 class Center(Enum):
@@ -38,8 +30,8 @@ class Method(Enum):
     """How an interval was found."""
 
     WILSON = "Wilson"
-    BCA = "BCa"
-    PERCENTILE = "percentile"  # where BCa is degenerate or too large
+    SCENES = "scenes, then problems"  # see `pipeline.evaluation.clusters`
+    ONE_SCENE = "problems of one scene"  # of other scenes it says nothing
     NONE = "none"  # fewer than two pairs
 
 
@@ -99,66 +91,21 @@ def wilson(successes: int, trials: int, confidence: float = 0.95) -> Interval:
     Raises:
         ConfigError: successes not within 0 and trials, or a confidence not within 0 and 1.
     """
-    _check_confidence(confidence)
+    check_confidence(confidence)
     if not 0 <= successes <= trials:
         raise ConfigError(f"successes is {successes}; it must be at least 0 and at most trials = {trials}")
     if trials == 0:
         return Interval(np.nan, 0.0, 1.0, confidence, Method.WILSON)
-    bounds = stats.binomtest(int(successes), int(trials)).proportion_ci(confidence, method="wilson")
-    return Interval(successes / trials, float(bounds.low), float(bounds.high), confidence, Method.WILSON)
+    bounds = wilson_bounds(successes / trials, trials, float(stats.norm.ppf((1 + confidence) / 2)))
+    return Interval(successes / trials, *bounds, confidence, Method.WILSON)
 
 
-def paired_interval(
-    first: Values,
-    second: Values,
-    comparison: Comparison = Comparison.DIFFERENCE,
-    center: Center = Center.MEDIAN,
-    confidence: float = 0.95,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
-) -> Interval:
-    """Return how the centres of paired samples (n,) compare, with a bootstrap interval over the pairs.
-
-    BCa (Efron 1987), or percentiles where BCa is not defined: all pairs equal, or too many of them for its jackknife.
-    Without two pairs the bounds are NaN.
-
-    Raises:
-        ConfigError: samples of different sizes, a value that is not finite, a ratio of values that are not positive,
-            or a confidence or number of resamples out of range.
-    """
-    _check_confidence(confidence)
-    if resamples < 1:
-        raise ConfigError(f"resamples is {resamples}; it must be at least 1")
-    x, y = _sample("first", first), _sample("second", second)
-    if len(x) != len(y):
-        raise ConfigError(f"first has {len(x)} values and second {len(y)}; pairs need as many of both")
-    if comparison is Comparison.RATIO and not ((x > 0).all() and (y > 0).all()):
-        raise ConfigError(f"a ratio needs values above 0; the least is {min(x.min(), y.min())}")
-    if len(x) == 0:
-        return Interval(np.nan, np.nan, np.nan, confidence, Method.NONE)
-    statistic = _statistic(comparison, center)
-    estimate = float(statistic(x, y))
-    if len(x) == 1:
-        return Interval(estimate, np.nan, np.nan, confidence, Method.NONE)
-    for method in (Method.BCA, Method.PERCENTILE):
-        if method is Method.BCA and len(x) > _JACKKNIFE:
-            continue
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore", stats.DegenerateDataWarning)
-            found = stats.bootstrap(
-                (x, y),
-                statistic,
-                paired=True,
-                vectorized=True,
-                n_resamples=resamples,
-                batch=max(1, _NUMBERS // len(x)),
-                confidence_level=confidence,
-                method=method.value,
-                rng=np.random.default_rng(seed),
-            ).confidence_interval
-        if np.isfinite([found.low, found.high]).all():
-            break
-    return Interval(estimate, float(found.low), float(found.high), confidence, method)
+def wilson_bounds(rate: float, n: float, quantile: float) -> tuple[float, float]:
+    """Return the bounds of Wilson's (1927) interval of a rate among n independent trials, n not necessarily whole."""
+    shift = quantile**2 / n
+    half = quantile * float(np.sqrt(rate * (1 - rate) / n + shift / n / 4))
+    low, high = ((rate + shift / 2 + side) / (1 + shift) for side in (-half, half))
+    return (0.0 if rate == 0 else low), (1.0 if rate == 1 else high)
 
 
 def mcnemar(first: Sequence[bool] | np.ndarray, second: Sequence[bool] | np.ndarray) -> McNemar:
@@ -186,24 +133,19 @@ def summary(values: Values) -> Summary:
     Raises:
         ConfigError: a value that is not finite.
     """
-    x = _sample("values", values)
+    x = sample("values", values)
     if len(x) == 0:
         return Summary(0, np.nan, np.nan, np.nan, np.nan)
     sd = float(x.std(ddof=1)) if len(x) > 1 else np.nan
     return Summary(len(x), float(np.median(x)), float(x.mean()), sd, float(np.percentile(x, 95)))
 
 
-def _statistic(comparison: Comparison, center: Center) -> Callable[..., np.ndarray]:
-    of = np.median if center is Center.MEDIAN else np.mean
+def sample(name: str, values: Values) -> np.ndarray:
+    """Return values as an array (n,).
 
-    def statistic(x: np.ndarray, y: np.ndarray, axis: int = -1) -> np.ndarray:
-        a, b = of(x, axis=axis), of(y, axis=axis)
-        return np.asarray(a - b if comparison is Comparison.DIFFERENCE else a / b)
-
-    return statistic
-
-
-def _sample(name: str, values: Values) -> np.ndarray:
+    Raises:
+        ConfigError: another number of dimensions, or a value that is not finite.
+    """
     x = np.asarray(values, float)
     if x.ndim != 1:
         raise ConfigError(f"{name} has shape {x.shape}; a sample has one dimension")
@@ -212,6 +154,7 @@ def _sample(name: str, values: Values) -> np.ndarray:
     return x
 
 
-def _check_confidence(confidence: float) -> None:
+def check_confidence(confidence: float) -> None:
+    """Refuse a confidence that is not within 0 and 1."""
     if not 0 < confidence < 1:
         raise ConfigError(f"confidence is {confidence}; it must be above 0 and below 1")

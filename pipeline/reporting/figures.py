@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.evaluation import wilson
+from pipeline.evaluation import success_interval
 from pipeline.reporting.frames import CURVE_COLUMNS, LEARNED, check, check_trials, ordered
 from pipeline.reporting.panels import Place, draw_panels, nothing, plain_log
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult
@@ -57,12 +57,12 @@ def length_boxes(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
 
 
 def success_bars(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> Figure:
-    """Draw the share of trials with a verified path [%] with 95 % Wilson intervals; diamonds are the paper's rates."""
+    """Draw the share of trials with a verified path [%] with 95 % intervals; diamonds are the paper's rates."""
 
     def draw(axes: Axes, place: Place) -> int:
         axes.set_ylim(0, 105)
         n = len(place.trials)
-        rate = wilson(len(place.solved), n)
+        rate = success_interval(place.trials["solved"].to_numpy(bool), place.trials["scene"].to_numpy(str))
         if n:
             axes.bar(place.x, 100 * rate.estimate, 0.8, color=place.color, edgecolor="black", linewidth=0.6)
             ends = [[100 * max(0.0, rate.estimate - rate.low)], [100 * max(0.0, rate.high - rate.estimate)]]

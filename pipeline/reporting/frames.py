@@ -18,10 +18,15 @@ TRIAL_COLUMNS = (
 PATH_COLUMNS = ("scenario", "scene", "problem", "method", "adherence", "path", "waypoints", "dimension")
 CURVE_COLUMNS = ("epoch", "train_loss", "val_loss")
 
-LEARNED = "CoMPNetX-"  # a learned method is this prefix and the name of the classical method it augments
+LEARNED = "CoMPNetX-"  # names of learned methods begin with this
+OURS, LITERAL = f"{LEARNED}FMT*", f"{LEARNED}FMT*, Algorithm 6"
+TUNED, CLASSICAL = "FMT*, tuned", "FMT*"  # as ours is, on validation scenes; the paper's own setting
+COMPARISONS = (  # learned, classical; first those in which both are tuned alike
+    (OURS, TUNED), (OURS, CLASSICAL), (LITERAL, TUNED), (LITERAL, CLASSICAL), (f"{LEARNED}RRTConnect", "RRTConnect"),
+)  # fmt: skip
 _ORDER = {
     "scenario": ("blocks", "bands"),
-    "method": ("CoMPNetX-FMT*", "FMT*", "CoMPNetX-RRTConnect", "RRTConnect"),
+    "method": (OURS, LITERAL, TUNED, CLASSICAL, "CoMPNetX-RRTConnect", "RRTConnect"),
     "adherence": ("projection", "atlas", "tangent_bundle"),
 }
 
@@ -77,10 +82,9 @@ def groups(trials: pd.DataFrame, scenario: str) -> Iterator[tuple[str, str, pd.D
 
 
 def method_pairs(methods: Iterable[str]) -> list[tuple[str, str]]:
-    """Return (learned, classical) for every learned method whose classical counterpart is present."""
-    present = ordered(methods, "method")
-    candidates = [(method, method.removeprefix(LEARNED)) for method in present if method.startswith(LEARNED)]
-    return [(learned, classical) for learned, classical in candidates if classical in present]
+    """Return (learned, classical) for every comparison of which both methods are present."""
+    present = set(methods)
+    return [(learned, classical) for learned, classical in COMPARISONS if {learned, classical} <= present]
 
 
 def pair(trials: pd.DataFrame, scenario: str, adherence: str, first: str, second: str) -> pd.DataFrame:
@@ -99,10 +103,13 @@ def pair(trials: pd.DataFrame, scenario: str, adherence: str, first: str, second
     return joined.sort_values(key, ignore_index=True)
 
 
-def both_solved(pairs: pd.DataFrame, column: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return a column of the first and the second method (n,), (n,) on the problems of `pair` that both solved."""
+def both_solved(pairs: pd.DataFrame, column: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a column of the first and the second method (n,), (n,) on the problems of `pair` that both solved.
+
+    The third array (n,) holds their scenes.
+    """
     both = pairs[pairs["solved_1"] & pairs["solved_2"]]
-    return both[f"{column}_1"].to_numpy(float), both[f"{column}_2"].to_numpy(float)
+    return both[f"{column}_1"].to_numpy(float), both[f"{column}_2"].to_numpy(float), both["scene"].to_numpy(str)
 
 
 def path_array(row: pd.Series) -> np.ndarray:

@@ -98,9 +98,12 @@ SPHERE: tuple[PaperResult, ...] = (
 )  # fmt: skip
 
 
+_SAME = {"CoMPNetX-FMT*, Algorithm 6": "CoMPNetX-FMT*"}  # our name: the paper's, for what the paper describes
+
+
 def find(paper: Iterable[PaperResult], scenario: str, method: str, adherence: str) -> PaperResult | None:
     """Return the paper's result of a method, or None where the paper says nothing about it."""
-    wanted = (scenario, method, adherence)
+    wanted = (scenario, _SAME.get(method, method), adherence)
     return next((r for r in paper if (r.scenario, r.method, r.adherence) == wanted), None)
 
 

@@ -8,6 +8,7 @@ from pipeline.evaluation.bench import Measured
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.peers import SPACING
 from pipeline.reporting.markdown import escape
+from pipeline.reporting.tables import INTERVALS
 from pipeline.reporting.text import number
 
 PARTS_NOTE = (
@@ -18,8 +19,9 @@ PARTS_NOTE = (
 )
 PLANNING_NOTE = (
     "n problems with one seed each; every row plans a problem before the next one comes. Times are of all trials, "
-    "failures included; ratios are OMPL's over ours on the same problems, that of medians with a paired bootstrap "
-    "interval. They compare planners that check at the same spacing: where ours checks more finely as it is, it "
+    "failures included; ratios are OMPL's over ours on the same problems, that of medians with its interval. "
+    f"{INTERVALS} "
+    "Ratios compare planners that check at the same spacing: where ours checks more finely as it is, it "
     "plans once more with OMPL's spacing, and the ratios against ours as it is stand beside. Success is claimed "
     "by the planner and verified by `pipeline.evaluation.verify`, without margin; lengths are of verified paths. "
     "OMPL has the same constraint, validity checker and time limit, charts with our epsilon, rho, alpha and "
@@ -30,7 +32,7 @@ PLANNING_NOTE = (
     "samples in its time."
 )
 PARITY_NOTE = (
-    "Lengths are means over the problems that both solved, their difference with its paired bootstrap interval, and "
+    "Lengths are means over the problems that both solved, their difference with its interval, and "
     "the median of the ratio problem by problem with its own. In charts OMPL's FMT has its first batch around the "
     "start and the goal, ours the share `around` of conf/sampler/uniform.yaml: ours with OMPL's samples has a first "
     "batch drawn by OMPL, so that what differs is the planner."

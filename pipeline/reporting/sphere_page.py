@@ -4,10 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from pipeline.evaluation import Comparison, paired_interval
 from pipeline.evaluation.choices import choices_table, equal_sizes_table
+from pipeline.evaluation.tuning import RULE, Settings, tuned
 from pipeline.reporting import sphere_pictures as pictures
 from pipeline.reporting import tables, text, verdict
-from pipeline.reporting.frames import check_trials, method_pairs, ordered
+from pipeline.reporting.frames import CLASSICAL, OURS, TUNED, both_solved, check_trials, method_pairs, ordered, pair
 from pipeline.reporting.markdown import Illustration, Provenance, Section, escape, page
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult
 
@@ -34,7 +36,8 @@ def sphere_page(
     illustrations: Mapping[str, Illustration],
     provenance: Provenance,
     choices: pd.DataFrame,
-    settings: Mapping[str, Mapping[str, Mapping[str, object]]],
+    settings: Settings,
+    tried: Settings,
     paper: Sequence[PaperResult] = SPHERE,
 ) -> str:
     """Return the page in Markdown.
@@ -45,6 +48,7 @@ def sphere_page(
         provenance: commit, profile, machine, and the commands of 'benchmark', 'train' and 'report'.
         choices: trials of the variants on validation scenes.
         settings: parameters of each method's 'planner' and 'sampler', by its label.
+        tried: those of each variant of `choices`, with its 'base'.
         paper: what to compare with.
 
     Raises:
@@ -94,7 +98,9 @@ def sphere_page(
                 _CHOICES_NOTE,
                 choices_table(choices),
                 escape(_SIZES_NOTE),
-                _equal_sizes(choices, settings),
+                _equal_sizes(choices, tried),
+                "### Which settings are measured, and by which rule",
+                *_chosen(choices, tried, settings),
                 machine,
             ],
             provenance.commands.get("choices", ""),
@@ -143,7 +149,7 @@ def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.Data
     each = len(summary) // summary["scenario"].nunique()
     sentence = f"Of {len(summary)} expectations ({each} per scenario), met: {met}; not met: {missed}"
     sentence += f"; not to be compared: {open_ones}." if open_ones else "."
-    return [sentence, summary, escape(verdict.SUMMARY_NOTE)]
+    return [*_headline(trials), sentence, summary, escape(verdict.SUMMARY_NOTE)]
 
 
 def _runs(trials: pd.DataFrame) -> pd.DataFrame:
@@ -159,7 +165,7 @@ def _runs(trials: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _settings(settings: Mapping[str, Mapping[str, Mapping[str, object]]]) -> pd.DataFrame:
+def _settings(settings: Settings) -> pd.DataFrame:
     return pd.DataFrame(
         [
             {
@@ -171,12 +177,35 @@ def _settings(settings: Mapping[str, Mapping[str, Mapping[str, object]]]) -> pd.
     )
 
 
-def _equal_sizes(
-    choices: pd.DataFrame, settings: Mapping[str, Mapping[str, Mapping[str, object]]]
-) -> pd.DataFrame | str:
+def _equal_sizes(choices: pd.DataFrame, tried: Settings) -> pd.DataFrame | str:
     if choices.empty:
         return ""
-    return equal_sizes_table(choices, _first_batches(settings), "FMT*", "CoMPNetX-FMT*")
+    return equal_sizes_table(choices, tried, CLASSICAL, OURS)
+
+
+def _chosen(choices: pd.DataFrame, tried: Settings, settings: Settings) -> list[str]:
+    """Say what the rule chooses for ours and for the baseline, and whether that is what was measured."""
+    if choices.empty:
+        return ["Nothing was tried."]
+    found = [tuned(choices, tried, base, settings, method) for base, method in ((OURS, OURS), (CLASSICAL, TUNED))]
+    lines = [f"- {escape(choice.sentence)}" for choice in found if choice is not None]
+    return [f"One rule for both, on the same problems: {RULE}", *(["\n".join(lines)] if lines else [])]
+
+
+def _headline(trials: pd.DataFrame) -> list[str]:
+    """Say how much faster ours is than the baseline tuned alike, and, beside it, than in the paper's setting."""
+    lines = []
+    for scenario in ordered(trials["scenario"], "scenario"):
+        for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
+            said = []
+            for baseline, name in ((TUNED, "tuned by the same rule"), (CLASSICAL, "in the paper's setting")):
+                fast, slow, scenes = both_solved(pair(trials, scenario, adherence, OURS, baseline), "planning_time")
+                if len(fast):
+                    ratio = paired_interval(slow, fast, scenes, Comparison.RATIO)
+                    said.append(f"{text.interval(ratio, '×')} as fast as {escape(CLASSICAL)} {name} (n = {len(fast)})")
+            if said:
+                lines.append(f"- {scenario}, {adherence.replace('_', ' ')}: {'; '.join(said)}")
+    return [f"Ratios of median times of {escape(OURS)}, 95 % intervals over scenes:", "\n".join(lines)] if lines else []
 
 
 def _shares(trials: pd.DataFrame) -> list[str]:
@@ -205,14 +234,15 @@ def _shares(trials: pd.DataFrame) -> list[str]:
     return ["\n".join(said)] if said else []
 
 
-def _tails(trials: pd.DataFrame, settings: Mapping[str, Mapping[str, Mapping[str, object]]]) -> list[str]:
+def _tails(trials: pd.DataFrame, settings: Settings) -> list[str]:
     """Say in sentences how often batch planners need more than their first batch, and what the slowest plans weigh."""
-    sizes, said = _first_batches(settings), []
+    sizes, said, told = _first_batches(settings), [], set[tuple[str, str]]()
     for scenario in ordered(trials["scenario"], "scenario"):
         for learned, classical in method_pairs(trials["method"]):
             if learned not in sizes or classical not in sizes:
                 continue
-            for method in (classical, learned):
+            for method in (name for name in (classical, learned) if (scenario, name) not in told):
+                told.add((scenario, method))
                 part = trials[(trials["scenario"] == scenario) & (trials["method"] == method)]
                 if part.empty:
                     continue
@@ -234,7 +264,7 @@ def _tails(trials: pd.DataFrame, settings: Mapping[str, Mapping[str, Mapping[str
     return [reason, "\n".join(said)]
 
 
-def _first_batches(settings: Mapping[str, Mapping[str, Mapping[str, object]]]) -> dict[str, int]:
+def _first_batches(settings: Settings) -> dict[str, int]:
     """Return N_init of the methods that have one."""
     return {
         method: int(str(parts["planner"]["samples"]))

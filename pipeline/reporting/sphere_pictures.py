@@ -53,7 +53,7 @@ def sphere_figures(
         SUCCESS: (
             figures.success_bars(trials, paper),
             "Success",
-            f"Share of trials with a verified path, with 95 % Wilson intervals; diamonds: the paper's rates; {n}.",
+            f"Share of trials with a verified path, with 95 % intervals over scenes; diamonds: the paper's rates; {n}.",
         ),
         TIME: (
             figures.time_boxes(trials, paper),

@@ -14,7 +14,8 @@ from pipeline.errors import ConfigError
 
 # The paper's colours for three methods (Fig. 7), in shades that differ in lightness too; the fourth is Okabe and Ito's.
 COLORS = {"CoMPNetX-FMT*": "#C8102E", "FMT*": "#EDB700", "RRTConnect": "#0B4FA3", "CoMPNetX-RRTConnect": "#56B4E9"}
-OTHERS = ("#009E73", "#CC79A7", "#555555", "#D55E00")  # Okabe and Ito, for methods the paper does not draw
+COLORS |= {"CoMPNetX-FMT*, Algorithm 6": "#D55E00", "FMT*, tuned": "#009E73"}
+OTHERS = ("#CC79A7", "#555555", "#8B6C42", "#7B52AB")  # for methods the paper does not draw
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # ships with matplotlib, so pictures do not depend on the fonts of the machine
     "font.size": 9,

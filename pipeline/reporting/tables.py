@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from pipeline.evaluation import Comparison, mcnemar, paired_interval, summary, wilson
+from pipeline.evaluation import Comparison, mcnemar, paired_interval, success_interval, summary
 from pipeline.reporting import text
 from pipeline.reporting.frames import both_solved, check_trials, groups, method_pairs, ordered, pair
 from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
 
-OUTCOME = ("method", "adherence", "n", "success [95 % Wilson]", "paper: success")
+OUTCOME = ("method", "adherence", "n", "success [95 %]", "paper: success")
 TIME = (
     "method", "adherence", "n solved", "time, solved only: median [s]", "time, solved only: mean ± sd [s]",
     "time, solved only: p95 [s]", "paper: time [s]", "time, all trials: median [s]", "time, all trials: mean ± sd [s]",
@@ -27,13 +27,23 @@ EFFORT = (
 
 RESULTS_NOTE = (
     "'Solved only' leaves out the trials that found no valid path; 'all trials' counts those at the time that had "
-    "passed when they stopped. The counts are medians over all trials. Intervals take the problems as independent, "
-    "though those of one scene share its obstacles."
+    "passed when they stopped. The counts are medians over all trials. Intervals of success are Wilson's for "
+    "as many independent problems as those of scenes are worth, by how much the scenes' rates differ, with Student's "
+    "quantile; where all problems or none were solved, or there is one scene, nothing tells how scenes differ and the "
+    "problems count as independent."
+)
+INTERVALS = (
+    "95 % intervals resample scenes and then problems within them, in pairs; the deviation of the resamples (of the "
+    "logarithm, for ratios) is taken times Student's quantile with one degree of freedom less than scenes and "
+    "sqrt(S / (S - 1)), which in simulation at 10 scenes holds the truth in at least 93 % of 1500 data sets, whether "
+    "scenes differ or not (in up to 99.9 % where they do not: the intervals are then wider than they need to be). † "
+    "one scene: problems are resampled, and nothing is said about other scenes."
 )
 PAIRED_NOTE = (
     "Both solved: the problems that both methods solved; the ratio and the difference are over these only. "
+    "'FMT*, tuned' has the setting that was chosen for it as ours was for ours; 'FMT*' is the paper's setting. "
     "A ratio above 1 means that the learned method is faster, a negative difference that its paths are shorter. "
-    "Intervals are 95 % paired bootstrap intervals (BCa; † percentile, where BCa is undefined or needless). The "
+    f"{INTERVALS} The "
     "paper's ratio is of mean times, each over the problems that method solved."
 )
 
@@ -73,10 +83,10 @@ def paired_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
         for learned, classical in method_pairs(part["method"]):
             for adherence in ordered(part["adherence"], "adherence"):
                 pairs = pair(trials, scenario, adherence, learned, classical)
-                fast, slow = both_solved(pairs, "planning_time")
+                fast, slow, scenes = both_solved(pairs, "planning_time")
                 test = mcnemar(pairs["solved_1"].to_numpy(bool), pairs["solved_2"].to_numpy(bool))
                 printed = speed_up(paper, scenario, adherence, learned, classical)
-                ratio = paired_interval(slow, fast, Comparison.RATIO)
+                ratio = paired_interval(slow, fast, scenes, Comparison.RATIO)
                 shorter = paired_interval(*both_solved(pairs, "path_length"))
                 rows.append({
                     "scenario": scenario, "learned": learned, "classical": classical, "adherence": adherence,
@@ -117,7 +127,8 @@ def _without_numbers(sentence: str) -> str:
 def _outcome(group: pd.DataFrame, said: PaperResult) -> dict[str, object]:
     solved = group[group["solved"].astype(bool)]
     cells: dict[str, object] = {
-        "n": len(group), "n solved": len(solved), "success [95 % Wilson]": text.rate(wilson(len(solved), len(group))),
+        "n": len(group), "n solved": len(solved),
+        "success [95 %]": text.rate(success_interval(group["solved"].to_numpy(bool), group["scene"].to_numpy(str))),
         "paper: success": said.success_text, "paper: time [s]": said.time_text, "paper: length": said.length_text,
     }  # fmt: skip
     cells |= _location("time, all trials", "s", group["planning_time"], p95=False)

@@ -48,14 +48,14 @@ def rate(estimate: Interval) -> str:
 
 
 def interval(estimate: Interval, unit: str = "") -> str:
-    """Write a value with its interval; a dagger marks percentile intervals, a missing interval is not written."""
+    """Write a value with its interval; a dagger marks one of a single scene, a missing one is not written."""
     if math.isnan(estimate.estimate):
         return NONE
     places = decimals(estimate.estimate)
     written = fixed(estimate.estimate, places) + unit
     if math.isnan(estimate.low):
         return written
-    mark = "†" if estimate.method is Method.PERCENTILE else ""
+    mark = "†" if estimate.method is Method.ONE_SCENE else ""
     return f"{written} [{fixed(estimate.low, places)}, {fixed(estimate.high, places)}]{mark}"
 
 

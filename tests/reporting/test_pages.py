@@ -23,7 +23,7 @@ from pipeline.reporting import (
 from pipeline.reporting.frames import TRIAL_COLUMNS
 from pipeline.reporting.markdown import escape, table, write_part
 from pipeline.reporting.sphere_pictures import sampled_by_scenario, typical_problems
-from tests.reporting.synthetic import band_scene, block_scene, make_paths, make_trials
+from tests.reporting.synthetic import TIMES, band_scene, block_scene, make_paths, make_trials
 
 HARDWARE = {
     "cpu": "Abacus 3000", "cores": 2, "memory": "8 GB", "python": "3.11.2", "packages": {"ompl": "2.0.1"},
@@ -34,6 +34,7 @@ SETTINGS = {
     "FMT*": {"planner": {"samples": 1000}, "sampler": {"batch": 64}},
     "CoMPNetX-FMT*": {"planner": {"samples": 300}, "sampler": {"batch": 100, "n_ismp": 6}},
 }
+TRIED = {label: {"base": label, **SETTINGS.get(label, {"planner": {}, "sampler": {}})} for label in TIMES}
 PROVENANCE = Provenance("abc1234", "standard", COMMANDS, HARDWARE)
 CURVES = pd.DataFrame({"epoch": [0, 1], "train_loss": [1.0, 0.5], "val_loss": [1.1, 0.6]})
 
@@ -47,7 +48,7 @@ def report(tmp_path_factory):
     scenes = {s: block_scene(40) if s.startswith("blocks") else band_scene() for s in trials["scene"].unique()}
     pictures = sphere_figures(trials, CURVES, folder / "figures")
     pictures |= sphere_stills(trials, paths, scenes, samples, folder / "figures", Stills(plain=True))
-    write(sphere_page(trials, pictures, PROVENANCE, trials, SETTINGS), folder / "sphere.md")
+    write(sphere_page(trials, pictures, PROVENANCE, trials, SETTINGS, TRIED), folder / "sphere.md")
     summary = sphere_summary(trials, pictures, PROVENANCE)
     write(index("Reports", [("sphere.md", summary)], PROVENANCE), folder / "README.md")
     return folder, trials, pictures
@@ -87,22 +88,46 @@ def test_conclusions_follow_the_data(report):
     worse.loc[worse["method"] == "CoMPNetX-FMT*", ["planning_time", "path_length"]] *= 10
 
     def answers(data):
-        section = sphere_page(data, pictures, PROVENANCE, data, SETTINGS).split("## What was run")[0]
+        section = sphere_page(data, pictures, PROVENANCE, data, SETTINGS, TRIED).split("## What was run")[0]
         return [
             line.split("|")[3].strip() for line in section.splitlines() if re.search("faster than|shorter than", line)
         ]
 
-    assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 6
+    assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 8
     sentence = re.search(
-        r"Of 8 expectations .* met: (\d); not met: (\d)", sphere_page(worse, {}, PROVENANCE, worse, SETTINGS)
+        r"Of 10 expectations .* met: (\d+); not met: (\d+)", sphere_page(worse, {}, PROVENANCE, worse, SETTINGS, TRIED)
     )
-    assert sentence and int(sentence[1]) + int(sentence[2]) == 8
+    assert sentence and int(sentence[1]) + int(sentence[2]) == 10
+
+
+def test_the_tuned_baseline_comes_first(report):
+    """The first ratio of the page is against FMT* tuned alike, the paper's setting beside it, both as in the table."""
+    folder, trials, _ = report
+    text = (folder / "sphere.md").read_text().split("## What was run")[0]
+    line = next(line for line in text.splitlines() if line.startswith("- blocks, atlas: "))
+    found = re.fullmatch(r"- blocks, atlas: ([\d.]+)× \[.*\].* tuned by .*; ([\d.]+)× \[.*\].* in the paper's .*", line)
+    for baseline, ratio in zip(("FMT*, tuned", "FMT*"), found.groups(), strict=True):
+        part = trials[(trials["scenario"] == "blocks") & (trials["adherence"] == "atlas") & trials["solved"]]
+        slow, fast = (part[part["method"] == m].set_index("problem") for m in (baseline, "CoMPNetX-FMT*"))
+        both = slow.index.intersection(fast.index)
+        expected = slow.loc[both, "planning_time"].median() / fast.loc[both, "planning_time"].median()
+        assert float(ratio) == pytest.approx(expected, abs=0.01)
+
+
+def test_what_the_rule_chooses_stands_beside_what_was_measured(report):
+    """Where settings of the benchmark differ from the chosen ones the page says so, and which."""
+    _, trials, _ = report
+    tried = TRIED | {"FMT*": {"base": "FMT*", "planner": {"samples": 400}, "sampler": {}}}
+    settings = SETTINGS | {"FMT*, tuned": {"planner": {"samples": 300}, "sampler": {}}}
+    text = sphere_page(trials, {}, PROVENANCE, trials, settings, tried)
+    assert "differs from it: samples = 300, chosen 400" in text
+    assert "CoMPNetX-FMT\\* the rule chooses CoMPNetX-FMT\\*, which is what was measured" in text
 
 
 def test_the_page_of_no_trials_says_so():
     """An empty benchmark makes a page without crashing."""
     empty = pd.DataFrame(columns=list(TRIAL_COLUMNS))
-    assert "There are no trials." in sphere_page(empty, {}, PROVENANCE, empty, SETTINGS)
+    assert "There are no trials." in sphere_page(empty, {}, PROVENANCE, empty, SETTINGS, TRIED)
 
 
 def test_the_shown_problems_are_spread_by_rank():

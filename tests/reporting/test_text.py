@@ -35,8 +35,8 @@ def test_mean_and_deviation_share_their_decimals():
 
 def test_intervals_say_when_they_are_percentiles():
     """A dagger marks the fallback; without an interval only the value stands."""
-    assert text.interval(Interval(1.371, 1.2, 1.5, 0.95, Method.BCA), "×") == "1.37× [1.20, 1.50]"
-    assert text.interval(Interval(-0.25, -0.3, 0.0, 0.95, Method.PERCENTILE), " m") == "-0.250 m [-0.300, 0.000]†"
+    assert text.interval(Interval(1.371, 1.2, 1.5, 0.95, Method.SCENES), "×") == "1.37× [1.20, 1.50]"
+    assert text.interval(Interval(-0.25, -0.3, 0.0, 0.95, Method.ONE_SCENE), " m") == "-0.250 m [-0.300, 0.000]†"
     assert text.interval(Interval(2.0, nan, nan, 0.95, Method.NONE)) == "2.00"
     assert text.interval(Interval(nan, nan, nan, 0.95, Method.NONE)) == "–"
 
