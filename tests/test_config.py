@@ -261,3 +261,22 @@ def test_fallback_is_the_classical_sampler():
     """What the learned sampler falls back to has the parameters that the classical one is configured with."""
     given = OmegaConf.to_container(OmegaConf.load(CONF / "sampler" / "uniform.yaml"))
     assert asdict(UniformParameters()) == {**given["parameters"], "directions": False}
+
+
+def test_sampling_as_algorithm_6_has_nothing_of_ours():
+    """One sample per proposal and nothing beside it, and a whole first batch by the network."""
+    method = compose("benchmark").experiment.methods.algorithm6_fmt
+    sampler, planner = method.sampler.parameters, method.planner.parameters
+    assert (sampler.points, sampler.spread) == (1, 0)
+    assert (planner.from_start, planner.from_goal, planner.arrive) == (0, 0, 0)
+    assert sampler.n_ismp * sampler.batch >= 5 * planner.samples  # even where four of five proposals are in collision
+
+
+def test_the_tuned_baseline_differs_from_the_papers_by_what_was_tuned():
+    """What the choices stage varies may differ from the paper's FMT*; what it does not vary is the same."""
+    methods, tried = compose("benchmark").experiment.methods, compose("choices").variants
+    varied = {name for variant in tried if variant.base == "fmt" for name in (variant.get("planner") or {})}
+    own, papers = methods.fmt_tuned.planner.parameters, methods.fmt.planner.parameters
+    assert own.keys() == papers.keys() and own.samples != papers.samples
+    assert {name for name in own if own[name] != papers[name]} <= varied
+    assert methods.fmt_tuned.sampler == methods.fmt.sampler

@@ -322,6 +322,7 @@ def test_other_seed_gives_other_bytes(run, chain, tmp_path, stage, override):
 
 ONE_METHOD = [
     *("~experiment.methods.fmt", "~experiment.methods.compnetx_fmt", "~experiment.methods.compnetx_rrtconnect"),
+    *("~experiment.methods.fmt_tuned", "~experiment.methods.algorithm6_fmt"),
     *("~experiment.adherences.atlas", "~experiment.adherences.tangent_bundle"),
     *("profile.scenes.test_pairs=4", "profile.benchmark.problems_per_scene=4"),
 ]

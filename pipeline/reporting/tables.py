@@ -36,7 +36,7 @@ INTERVALS = (
     "95 % intervals resample scenes and then problems within them, in pairs; the deviation of the resamples (of the "
     "logarithm, for ratios) is taken times Student's quantile with one degree of freedom less than scenes and "
     "sqrt(S / (S - 1)), which in simulation at 10 scenes holds the truth in at least 93 % of 1500 data sets, whether "
-    "scenes differ or not (in up to 99.9 % where they do not: the intervals are then wider than they need to be). † "
+    "scenes differ or not (in up to 100 % where they do not: the intervals are then wider than they need to be). † "
     "one scene: problems are resampled, and nothing is said about other scenes."
 )
 PAIRED_NOTE = (
