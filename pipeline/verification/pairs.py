@@ -59,9 +59,7 @@ def items_of_robot(kinematics: Kinematics, kind: Geometry) -> list[Item]:
             forms = [(form_of(body.geometry), Place())]
         else:
             forms = forms_of_body(body.name, body.geometry, kind)
-        found += [
-            Item(body.name, body.joint, body.placement @ at, form, number, body.base) for form, at in forms
-        ]
+        found += [Item(body.name, body.joint, body.placement @ at, form, number, body.base) for form, at in forms]
     return found
 
 
