@@ -3,7 +3,8 @@
 Where two bodies are a distance d apart at a point of the path, they are free as far as the one moves, seen from the
 other, by less than d (`Motion`). First this is asked of balls and boxes around bodies, at the states of the path and
 for all pairs at once; then, for the stretches that remain, of coal at their middles: what a distance does not cover is
-asked again, nearer by. Of meshes that are not convex, and of octrees, coal is asked only whether they are nearer than needed.
+asked again, nearer by. Of meshes that are not convex, and of octrees, coal is asked only whether they are nearer than
+needed.
 """
 
 from collections.abc import Sequence
