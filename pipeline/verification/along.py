@@ -14,7 +14,8 @@ import numpy as np
 
 from pipeline.verification.kinematics import WORLD, Kinematics
 
-_TURN = 0.02  # of joints along a stretch at most [rad], or sliding [m]
+_SHARE = 0.4  # of the tolerance, whose root joints turn by along a stretch at most [rad]: what is 2 m from their axes
+# leaves the straight line by 2 * (0.4 tolerance) / 8, a tenth of the tolerance, even where it does so unseen
 _STRETCHES = 4  # of a chord at least: second differences need a few
 _SAFETY = 2.0  # of second differences
 _HALVINGS = 8  # of stretches; what they leave unproven falls to a quarter each time
@@ -46,7 +47,7 @@ def equations(values: Function, path: np.ndarray, tolerance: float) -> Held:
     """
     held = Held()
     moved = np.abs(np.diff(path, axis=0)).sum(axis=1)
-    count = np.maximum(np.ceil(moved / _TURN).astype(int), _STRETCHES)
+    count = np.maximum(np.ceil(moved / np.sqrt(_SHARE * tolerance)).astype(int), _STRETCHES)
     chords = np.arange(len(count))
     for _ in range(_HALVINGS // 2):
         chord = np.repeat(chords, count + 1)

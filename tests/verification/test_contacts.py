@@ -162,7 +162,7 @@ def test_touching_that_cannot_be_is_refused():
     )
     with pytest.raises(ProblemError, match=r"0.006 m deep.*at most 0.005"):
         contacts(ball, [plate], {("point", "plate"): 0.006})
-    with pytest.raises(ProblemError, match="platte.*did you mean 'plate'"):
+    with pytest.raises(ProblemError, match=r"platte.*did you mean 'plate'"):
         contacts(ball, [plate], {("point", "platte"): None})
 
 
