@@ -102,9 +102,7 @@ class Contacts:
         if len(path) == 1:
             path = np.repeat(path, 2, axis=0)
         states, chords = self._pieces(path)
-        poses = self._kinematics.joint_poses(states)
-        along = np.zeros((int(self._view.max()) + 1, len(states)))
-        along[:, 1:] = np.cumsum(self._motion.rates(states, poses), axis=1)
+        poses, along = self._followed(states)
         placed = with_world(poses)
         for ends in (0, len(states) - 1):
             if self._enclosed(placed, ends, states, chords, found):
@@ -119,20 +117,34 @@ class Contacts:
         return found
 
     def least(self, Q: np.ndarray) -> float:
-        """Return the least distance to obstacles over configurations Q (T, n) [m], of pairs that may not touch."""
+        """Return the least distance to obstacles over states Q (T, n) [m], of pairs that may not touch; inf without."""
         chosen = np.flatnonzero((self._depth == 0) & self._to_obstacle)
-        best = np.inf
-        poses = with_world(self._kinematics.joint_poses(Q))
-        states = np.arange(len(Q))
-        rows = max(_AT_ONCE // max(len(chosen), 1), 1)
-        for first in range(0, len(Q), rows):
-            block = states[first : first + rows]
-            pair, state = np.repeat(chosen, len(block)), np.tile(block, len(chosen))
-            bound = self._bounds(pair, poses, state)
-            for i in np.argsort(bound, kind="stable"):
+        if not len(chosen):
+            return np.inf
+        poses, along = self._followed(Q)
+        best, blocks = np.inf, len(chosen) // (_AT_ONCE // 8) + 1
+        for pairs in np.array_split(chosen, blocks):
+            best = self._least(pairs, with_world(poses), along, best)
+        return best
+
+    def _least(self, pairs: np.ndarray, placed: Poses, along: np.ndarray, best: float) -> float:
+        """Return the least distance of pairs (N,) over states, or `best` where that is less [m]."""
+        now = np.stack([pairs, np.zeros_like(pairs), np.full_like(pairs, along.shape[1] - 1)], axis=1)
+        while len(now):
+            pair, low, high = now.T
+            middle = (low + high) // 2
+            view = self._view[pair]
+            bound = self._bounds(pair, placed, middle)
+            for i in np.argsort(bound, kind="stable").tolist():
                 if bound[i] >= best:
                     break
-                best = min(best, self._ask.clearance(*self._placed(int(pair[i]), poses, int(state[i]))))
+                here, there = self._placed(int(pair[i]), placed, int(middle[i]))
+                best = min(best, self._ask.clearance(here, there))
+            way = np.maximum(along[view, middle] - along[view, low], along[view, high] - along[view, middle])
+            kept = bound - way < best  # at other states between
+            pair, low, middle, high = pair[kept], low[kept], middle[kept], high[kept]
+            before, after = np.stack([pair, low, middle - 1], axis=1), np.stack([pair, middle + 1, high], axis=1)
+            now = np.concatenate([before[low < middle], after[middle < high]])
         return best
 
     def deepest(self, Q: np.ndarray) -> tuple[str, str, float] | None:
@@ -151,6 +163,13 @@ class Contacts:
     def _to_obstacle(self) -> np.ndarray:
         bodies = np.array([item.body for item in self.items], int)
         return np.asarray((bodies[self._second] < 0) | (bodies[self._first] < 0))
+
+    def _followed(self, states: np.ndarray) -> tuple[Poses, np.ndarray]:
+        """Return the poses of joints at states (T, n), and how far views move along the path to each (views, T) [m]."""
+        poses = self._kinematics.joint_poses(states)
+        along = np.zeros((int(self._view.max()) + 1, len(states)))
+        along[:, 1:] = np.cumsum(self._motion.rates(states, poses), axis=1)
+        return poses, along
 
     def _pieces(self, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return states (M, n) with those put in that keep joints from turning far, and the chord of each piece."""
@@ -309,6 +328,7 @@ class Contacts:
         apart -= np.einsum("nij,nj->ni", R1, self._middle[one]) + p1
         found = np.linalg.norm(apart, axis=1) - self._radius[one] - self._radius[other]
         for R, near, far in ((R1, one, other), (R2, other, one)):
-            beyond = np.maximum(np.abs(np.einsum("nji,nj->ni", R, apart)) - self._half[near], 0.0)
-            found = np.maximum(found, np.linalg.norm(beyond, axis=1) - self._radius[far])
+            beyond = np.abs(np.einsum("nji,nj->ni", R, apart)) - self._half[near]
+            outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+            found = np.maximum(found, outside - self._radius[far])
         return np.asarray(found)

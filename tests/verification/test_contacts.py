@@ -205,3 +205,13 @@ def text(vertices: np.ndarray, faces: np.ndarray, first: int) -> str:
 def write_box(file):
     file.write_text(text(*box_faces(1.0), 0))
     return file
+
+
+def test_clearance_is_the_least_of_all_pairs():
+    """The least distance over states, found without asking all pairs, is that of asking each."""
+    rng, planning = np.random.default_rng(8), PANDA.robot()
+    for count in (1, 8, 40):
+        path = random_path(PANDA, rng, 30, 0.1)
+        there = [o for o in boxes(rng, count, 0.05) if _stands(planning, o)]
+        expected = min((Validity(planning, there).clearance(q) for q in path), default=np.inf)
+        assert contacts(PANDA, there).least(path) == pytest.approx(expected, abs=1e-6)
