@@ -23,7 +23,7 @@ _SLACK = 1e-7  # of distances by coal [m]
 _FINEST = 5e-6  # half of a stretch [m]: what is not proven then is sampled only
 _QUERIES = 30_000  # of coal for one path, after which stretches are no shorter than half of CLEARANCE
 _WIDE = 0.05  # half of a stretch [m]: of longer ones coal is not asked
-_AT_ONCE = 200_000  # pairs at states that are looked at together
+_AT_ONCE = 25_000  # pairs that are looked at together
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,9 @@ class Contacts:
         self._kinematics, self.items, self._ask = kinematics, items, Asker()
         corners = [item.form.moving @ item.place.R.T + item.place.p for item in items]
         radius = [float(np.linalg.norm(points, axis=1).max()) for points in corners]
-        views: dict[tuple[int, int], int] = {}
+        moving = [i for i, item in enumerate(items) if item.joint != WORLD]
+        views = {(i, WORLD): row for row, i in enumerate(moving)}
+        self._worlds = len(views)
         rows = []
         for pair in pairs:
             one, other = pair.first, pair.second
@@ -83,6 +85,7 @@ class Contacts:
             view = views.setdefault((one, items[other].joint), len(views))
             rows.append((one, other, view))
         self._first, self._second, self._view = np.array(rows, int).reshape(-1, 3).T
+        self._seen_from_world = np.array([views.get((i, WORLD), -1) for i in range(len(items))], int)
         self._depth = np.array([pair.depth for pair in pairs], float)
         self._motion = Motion(kinematics, items, list(views))
         self._joint = np.array([item.joint for item in items], int)
@@ -104,16 +107,23 @@ class Contacts:
         states, chords = self._pieces(path)
         poses, along = self._followed(states)
         placed = with_world(poses)
+        every = np.arange(len(self._first))
         for ends in (0, len(states) - 1):
             if self._enclosed(placed, ends, states, chords, found):
                 if ends:
                     break
                 return found
-        stretches = [
-            self._rough(placed, np.arange(first, min(first + _AT_ONCE // 8, len(self._first))), along)
-            for first in range(0, len(self._first), _AT_ONCE // 8)
-        ]
-        self._fine(np.concatenate(stretches), states, chords, along, found)
+        # Seen from the world first, which few views tell; from each other only where that does not do.
+        both = self._view >= self._worlds
+        stretches = [self._rough(placed, pairs, along) for pairs in _blocks(every)]
+        left = np.concatenate(stretches)
+        close = np.unique(left[both[left[:, 0]], 0])
+        if len(close):
+            rows = np.unique(self._view[close])
+            along[rows, 1:] = np.cumsum(self._motion.rates(states, poses, rows), axis=1)
+            stretches = [self._rough(placed, pairs, along, relative=True) for pairs in _blocks(close)]
+            left = np.concatenate([left[~both[left[:, 0]]], *stretches])
+        self._fine(left, states, chords, along, found)
         return found
 
     def least(self, Q: np.ndarray) -> float:
@@ -122,8 +132,8 @@ class Contacts:
         if not len(chosen):
             return np.inf
         poses, along = self._followed(Q)
-        best, blocks = np.inf, len(chosen) // (_AT_ONCE // 8) + 1
-        for pairs in np.array_split(chosen, blocks):
+        best = np.inf
+        for pairs in _blocks(chosen):
             best = self._least(pairs, with_world(poses), along, best)
         return best
 
@@ -165,10 +175,10 @@ class Contacts:
         return np.asarray((bodies[self._second] < 0) | (bodies[self._first] < 0))
 
     def _followed(self, states: np.ndarray) -> tuple[Poses, np.ndarray]:
-        """Return the poses of joints at states (T, n), and how far views move along the path to each (views, T) [m]."""
+        """Return the poses of joints at states (T, n), and how far items move on the way to each (views + 1, T) [m]."""
         poses = self._kinematics.joint_poses(states)
-        along = np.zeros((int(self._view.max()) + 1, len(states)))
-        along[:, 1:] = np.cumsum(self._motion.rates(states, poses), axis=1)
+        along, rows = np.zeros((self._motion.count + 1, len(states))), np.arange(self._worlds)  # -1 does not move
+        along[rows, 1:] = np.cumsum(self._motion.rates(states, poses, rows), axis=1)
         return poses, along
 
     def _pieces(self, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -180,16 +190,21 @@ class Contacts:
         states = path[chord] + share[:, None] * (path[chord + 1] - path[chord])
         return np.concatenate([states, path[-1:]]), chord
 
-    def _rough(self, placed: Poses, pairs: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Return the stretches (N, 3) of states, as pair, first and last state, that balls and boxes do not prove."""
+    def _rough(self, placed: Poses, pairs: np.ndarray, along: np.ndarray, relative: bool = False) -> np.ndarray:
+        """Return the stretches (N, 3) of states, as pair, first and last state, that balls and boxes do not prove.
+
+        Two items that move come nearer by no more than both move, or than one moves as the other sees it (`relative`).
+        """
         last = along.shape[1] - 1
         left = [np.empty((0, 3), int)]
         now = np.stack([pairs, np.zeros_like(pairs), np.full_like(pairs, last)], axis=1)
         while len(now):
             pair, low, high = now.T
             middle = (low + high) // 2
-            view = self._view[pair]
-            way = np.maximum(along[view, middle] - along[view, low], along[view, high] - along[view, middle])
+            way = np.zeros(len(pair))
+            worlds = self._seen_from_world[self._first[pair]], self._seen_from_world[self._second[pair]]
+            for view in [self._view[pair]] if relative else worlds:
+                way += np.maximum(along[view, middle] - along[view, low], along[view, high] - along[view, middle])
             now = now[self._bounds(pair, placed, middle) + self._depth[pair] - _SLACK <= way]
             pair, low, high = now.T
             single = high - low == 1
@@ -332,3 +347,8 @@ class Contacts:
             outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
             found = np.maximum(found, outside - self._radius[far])
         return np.asarray(found)
+
+
+def _blocks(pairs: np.ndarray) -> list[np.ndarray]:
+    """Return pairs (N,) in parts that are looked at together."""
+    return np.array_split(pairs, len(pairs) // _AT_ONCE + 1)

@@ -40,25 +40,31 @@ class Motion:
         for row, (item, joint) in enumerate(views):
             self._view(row, items[item].joint, joint)
 
-    def rates(self, Q: np.ndarray, poses: Poses) -> np.ndarray:
-        """Return bounds on |x'(s)| of every view over the chords between rows of Q (T, n), as (views, T - 1) [m].
+    @property
+    def count(self) -> int:
+        """Number of views."""
+        return len(self._joint)
+
+    def rates(self, Q: np.ndarray, poses: Poses, views: np.ndarray) -> np.ndarray:
+        """Return bounds on |x'(s)| of views (V,) over the chords between rows of Q (T, n), as (V, T - 1) [m].
 
         Args:
             Q: states.
             poses: of the joints' frames at the states (T, J, 3, 3), (T, J, 3).
+            views: by number.
         """
         R, p = with_world(poses)
         dq = np.abs(np.diff(Q, axis=0))  # (C, n)
-        found = np.empty((len(self._joint), len(dq)))
+        found = np.empty((len(views), len(dq)))
         size = max(_BLOCK // max(len(Q) * 24, 1), 1)
         for first in range(0, len(found), size):
-            rows = slice(first, first + size)
+            rows = views[first : first + size]
             joint, seen = self._joint[rows], self._seen[rows]
             x = self._corners[rows] @ R[:, joint].swapaxes(-1, -2) + p[:, joint, None]  # (T, V, 8, 3)
             x = (x - p[:, seen, None]) @ R[:, seen]
             moved = np.sqrt(np.square(np.diff(x, axis=0)).sum(axis=-1).max(axis=-1))  # (C, V)
             bows = np.einsum("cn,vnm,cm,vm->vc", dq, self._before[rows], dq, self._levers[rows], optimize=True) / 2
-            found[rows] = moved.T + bows + _LEAST
+            found[first : first + size] = moved.T + bows + _LEAST
         return found
 
     def _view(self, row: int, moved: int, seen: int) -> None:

@@ -33,7 +33,7 @@ def test_speed_is_within_its_bound(robot, step):
         Q = rng.uniform(kinematics.lower, kinematics.upper, (2, len(kinematics.names)))
         Q[1] = Q[0] + step * (Q[1] - Q[0]) / np.linalg.norm(Q[1] - Q[0])
         Q = np.clip(Q, kinematics.lower, kinematics.upper)
-        rates = motion.rates(Q, kinematics.joint_poses(Q))[:, 0]
+        rates = motion.rates(Q, kinematics.joint_poses(Q), np.arange(motion.count))[:, 0]
         data, poses = model.createData(), []
         for share in _SHARES:
             q = np.empty(model.nq)
