@@ -17,22 +17,20 @@ from pipeline.robots.urdf import UrdfRobot
 from pipeline.verification.along import equations
 from pipeline.verification.contacts import Contacts
 from pipeline.verification.keeping import keeper
-from pipeline.verification.kinematics import WORLD, Kinematics
+from pipeline.verification.kinematics import Kinematics
 from pipeline.verification.pairs import (
     Item,
     items_of_obstacles,
     items_of_robot,
     pairs_of_bodies,
     pairs_of_items,
-    usual_depth,
 )
 from pipeline.verification.reader import read
 from pipeline.verification.rows import Rows
+from pipeline.verification.standing import standing_contact
 from pipeline.verification.statement import Statement
-from pipeline.verification.touching import Asker
 from pipeline.verification.verdict import CLEARANCE, Failure, Touch, Verdict, VerifierParameters
 
-_NOTHING = 1e-6  # [m] of bodies that stand and may not touch: what rounding in a file makes of touching
 _KEPT = 8  # robots that are kept, with their meshes read
 _Found = tuple[Failure, int | None, str]
 
@@ -70,7 +68,8 @@ class Judge:
         self._items = [*robot.items, *items_of_obstacles(statement.obstacles)]
         pairs = pairs_of_items(statement, robot.kinematics, self._items, robot.pairs)
         self._contacts = Contacts(robot.kinematics, self._items, pairs)
-        self._standing = self._stands(statement)
+        beyond = standing_contact(self._items, statement.touching)
+        self._standing = None if beyond is None else (Failure.COLLISION, None, beyond)
 
     def verify(self, path: np.ndarray, start: np.ndarray, goal: np.ndarray) -> Verdict:
         """Check that a path (T, n) leads from start to goal (n,) on the manifold, within limits and free of contact.
@@ -174,27 +173,6 @@ class Judge:
                 return _between(Failure.CONDITION, held.chord, len(Q) - 1, kept.message(held.worst)), set()
             sampled |= held.sampled
         return None, sampled
-
-    def _stands(self, statement: Statement) -> _Found | None:
-        """Hold bodies that no joint moves against obstacles: those of the root link may stand on something."""
-        ask = Asker()
-        obstacles = [item for item in self._items if item.body < 0]
-        for item in (item for item in self._items if item.body >= 0 and item.joint == WORLD):
-            here = item.form, item.place.R, item.place.p
-            for other in obstacles:
-                middle = item.place.R @ item.form.middle + item.place.p
-                there = other.form, other.place.R, other.place.p
-                apart = float(np.linalg.norm(other.place.R @ other.form.middle + other.place.p - middle))
-                if apart > item.form.radius + other.form.radius:
-                    continue
-                depth = ask.depth(here, there)
-                said = statement.touching.get((item.name, other.name), -1.0)
-                may = item.base or said is None
-                allowed = said if said is not None and said > 0 else usual_depth(item.form, other.form) if may else 0.0
-                if depth > max(allowed, _NOTHING):
-                    message = f"{item.name!r}, which no joint moves, is {depth:.3g} m deep in {other.name!r}"
-                    return Failure.COLLISION, None, f"{message}; allowed {allowed:.3g} m"
-        return None
 
     def _note(self, sampled: set[int], chords: int) -> str:
         notes = []
