@@ -85,7 +85,7 @@ class Level:
 
 @dataclass(frozen=True)
 class OnPlane:
-    """The origin of a frame keeps a distance [m] from the world's origin along a vector (3,) of any length."""
+    """The origin of a frame keeps a distance [m] from the world's origin along a normal (3,) of any length."""
 
     frame: str
     normal: tuple[float, ...]

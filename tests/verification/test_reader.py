@@ -1,4 +1,4 @@
-"""The verifier's reading of robots: joints, frames, bodies and masses are pinocchio's, which reads the files otherwise."""
+"""Robots as the verifier reads them: joints, frames, bodies and masses are those of pinocchio."""
 
 from dataclasses import replace
 from functools import cache
@@ -21,7 +21,8 @@ from tests.robots.named import FOLDER, ROBOT_NAMES, configurations, named
 BRANCHES = """<robot name="branches"><link name="root"/>
   <link name="a"><inertial><origin xyz="0.1 0.2 0.3" rpy="0.4 0 0"/><mass value="2"/>
     <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-  <link name="b"><collision><origin xyz="0 0 0.1" rpy="0 1 0"/><geometry><box size="0.1 0.2 0.3"/></geometry></collision>
+  <link name="b"><collision><origin xyz="0 0 0.1" rpy="0 1 0"/>
+    <geometry><box size="0.1 0.2 0.3"/></geometry></collision>
   </link>
   <link name="c"/><link name="d"/><link name="e"/><link name="f"/>
   <joint name="ab" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0 0 1" rpy="1 2 3"/>
@@ -182,7 +183,7 @@ def test_centre_of_wound_faces():
     turned = np.array([face[::-1] if rng.random() < 0.5 else face for face in faces.tolist()])
     for wound in (faces, faces[:, ::-1], turned):
         assert np.allclose(centre_of_faces(corners, wound), [0.1, 0.2, 0.4])
-    both = centre_of_faces(np.vstack([corners, corners + [1, 0, 0]]), np.vstack([turned, faces + 8]))
+    both = centre_of_faces(np.vstack([corners, corners + np.array([1.0, 0.0, 0.0])]), np.vstack([turned, faces + 8]))
     assert np.allclose(both, [0.6, 0.2, 0.4])
     assert np.allclose(centre_of_faces(corners, faces[:10])[:2], [0.1, 0.2])  # without its lid: lower
     assert centre_of_faces(corners, faces[:10])[2] < 0.39
