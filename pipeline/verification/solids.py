@@ -114,8 +114,7 @@ class Inside:
             for part in range(len(self._sign)):
                 corners = np.unique(self._triangles[self._parts == part].reshape(-1, 3), axis=0)
                 asked = corners[np.linspace(0, len(corners) - 1, min(len(corners), _ASKED)).astype(int)]
-                around = self._enclosing(asked).all(axis=0)
-                around[part] = False
+                around = np.delete(self._enclosing(asked), part, axis=1).all(axis=0)
                 self._sign[part] = 1 - 2 * (around.sum() % 2)
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
