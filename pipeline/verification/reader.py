@@ -3,7 +3,7 @@
 The rules are those that docs/problems.md states for robots; no code is planning's.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import coal
 import numpy as np
@@ -157,6 +157,17 @@ class _Robot:
             self.loads.append((joint, carried.mass, placement.R @ centre_of_mass(body) + placement.p))
 
 
+def resting(settings: UrdfRobot) -> np.ndarray:
+    """Return where the joints of a planning group rest (n,) [rad or m]."""
+    urdf = read_urdf(resolve(settings.urdf, settings.package_dirs), settings.package_dirs).movable(settings.movable)
+    given, found = _given(settings), []
+    for name in settings.joints:
+        base = settings.floating.get(name.removeprefix("base_")) if name not in urdf.joints else None
+        low, high = base if base is not None else _limits(urdf.joints[name], settings.continuous)
+        found.append(float(np.clip(given.get(name, _zero(low, high)), low, high)))
+    return np.array(found)
+
+
 def place(placement: Placement) -> Place:
     """Return a pose of a file as this room has it."""
     return Place(of_angles(*placement.rpy), np.array(placement.xyz, float))
@@ -188,8 +199,7 @@ def _limits(joint: UrdfJoint, continuous: float) -> tuple[float, float]:
 
 def _standing(urdf: Urdf, settings: UrdfRobot) -> dict[str, float]:
     """Return where the joints stand that no variable moves [rad or m]: a leader puts its followers, whatever else."""
-    states = read_states(resolve(settings.srdf, settings.package_dirs)) if settings.srdf and settings.state else {}
-    given = {**states.get(settings.state, {}), **settings.fixed, **settings.rest}
+    given = _given(settings)
     found: dict[str, float] = {}
 
     def stand(name: str, on_the_way: tuple[str, ...] = ()) -> float:
@@ -212,14 +222,19 @@ def _standing(urdf: Urdf, settings: UrdfRobot) -> dict[str, float]:
     return found
 
 
+def _given(settings: UrdfRobot) -> dict[str, float]:
+    """Return the values that settings and SRDF put joints to [rad or m]."""
+    states = read_states(resolve(settings.srdf, settings.package_dirs)) if settings.srdf and settings.state else {}
+    return {**states.get(settings.state, {}), **settings.fixed, **settings.rest}
+
+
 def _zero(low: float, high: float) -> float:
     """Return 0, or the middle of limits that leave it out."""
     return 0.0 if low <= 0 <= high else (low + high) / 2
 
 
 def _middle(low: float, high: float, settings: UrdfRobot, name: str) -> float:
-    given: Mapping[str, float] = {**settings.fixed, **settings.rest}
-    return float(given.get(name, _zero(low, high)))
+    return float(_given(settings).get(name, _zero(low, high)))
 
 
 def _moved(axis: np.ndarray, slides: bool, value: float) -> Place:
