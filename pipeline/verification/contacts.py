@@ -108,11 +108,12 @@ class Contacts:
         poses, along = self._followed(states)
         placed = with_world(poses)
         every = np.arange(len(self._first))
-        for ends in (0, len(states) - 1):
-            if self._enclosed(placed, ends, states, chords, found):
-                if ends:
-                    break
-                return found
+        for state in (len(states) - 1, 0):
+            for pair in self._enclosed(placed, state)[:1].tolist():
+                chord = int(chords[min(state, len(chords) - 1)])
+                found.contact = Contact(chord, states[state], *self._names(pair), np.nan, 0.0)
+        if found.contact is not None and found.contact.chord == 0:
+            return found
         # Seen from the world first, which few views tell; from each other only where that does not do.
         both = self._view >= self._worlds
         stretches = [self._rough(placed, pairs, along) for pairs in _blocks(every)]
@@ -133,6 +134,9 @@ class Contacts:
             return np.inf
         poses, along = self._followed(Q)
         best = np.inf
+        for row in (0, len(Q) - 1):
+            for pair in self._enclosed(with_world(poses), row).tolist():
+                best = min(best, self._ask.clearance(*self._placed(pair, with_world(poses), row)))
         for pairs in _blocks(chosen):
             best = self._least(pairs, with_world(poses), along, best)
         return best
@@ -145,17 +149,33 @@ class Contacts:
             middle = (low + high) // 2
             view = self._view[pair]
             bound = self._bounds(pair, placed, middle)
-            for i in np.argsort(bound, kind="stable").tolist():
-                if bound[i] >= best:
-                    break
-                here, there = self._placed(int(pair[i]), placed, int(middle[i]))
-                best = min(best, self._ask.clearance(here, there))
             way = np.maximum(along[view, middle] - along[view, low], along[view, high] - along[view, middle])
+            convex = self._convex[self._first[pair]] & self._convex[self._second[pair]]
+            asked = np.flatnonzero(np.where(convex, bound, bound - way) < best)
+            for i in asked[np.argsort(bound[asked], kind="stable")].tolist():
+                if bound[i] < best or (not convex[i] and bound[i] - way[i] < best):
+                    here, there = self._placed(int(pair[i]), placed, int(middle[i]))
+                    bound[i] = self._apart(here, there, float(bound[i]), best, float(way[i]))
+                    best = min(best, float(bound[i]))
             kept = bound - way < best  # at other states between
             pair, low, middle, high = pair[kept], low[kept], middle[kept], high[kept]
             before, after = np.stack([pair, low, middle - 1], axis=1), np.stack([pair, middle + 1, high], axis=1)
             now = np.concatenate([before[low < middle], after[middle < high]])
         return best
+
+    def _apart(self, here: Placed, there: Placed, bound: float, best: float, way: float) -> float:
+        """Return how far two items are apart at least [m], exactly where they are nearer than `best`.
+
+        Of meshes and octrees, whether they are nearer than something is told much faster than how far they are.
+        """
+        if here[0].convex and there[0].convex:
+            return self._ask.distance(here, there)
+        if 0 <= best < np.inf:
+            if not self._ask.nearer(here, there, best + way):
+                return best + way
+            if bound >= best or not self._ask.nearer(here, there, best):
+                return max(bound, best)
+        return self._ask.distance(here, there)
 
     def deepest(self, Q: np.ndarray) -> tuple[str, str, float] | None:
         """Return the names and the depth [m] of the pair that may touch and is deepest at rows of Q (T, n)."""
@@ -287,17 +307,12 @@ class Contacts:
                 met[row] = self._ask.nearer(here, there, 0.0)
         return reach, met
 
-    def _enclosed(self, placed: Poses, state: int, states: np.ndarray, chords: np.ndarray, found: Found) -> bool:
-        """Tell whether something is inside a closed mesh at a state: where surfaces never meet it stays so."""
+    def _enclosed(self, placed: Poses, state: int) -> np.ndarray:
+        """Return the pairs of which one is inside a closed mesh at a state: where surfaces never meet it stays so."""
         chosen = np.flatnonzero(self._solid[self._first] | self._solid[self._second])
         if len(chosen):
             chosen = chosen[self._bounds(chosen, placed, np.full(len(chosen), state)) <= 0]
-        for pair in chosen.tolist():
-            if enclosed(*self._placed(pair, placed, state)):
-                names, chord = self._names(pair), int(chords[min(state, len(chords) - 1)])
-                found.contact = Contact(chord, states[state], *names, np.nan, 0.0)
-                return True
-        return False
+        return np.array([pair for pair in chosen.tolist() if enclosed(*self._placed(pair, placed, state))], int)
 
     def _note_contact(
         self,
