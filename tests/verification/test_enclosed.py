@@ -5,7 +5,7 @@ from dataclasses import replace
 import coal
 import numpy as np
 import pytest
-from arms import PANDA, contacts, random_path
+from arms import PANDA, UR5, contacts, random_path
 
 from pipeline.robots import Obstacle, Shape, stands_clear
 from pipeline.verification.shapes import Form, form_of
@@ -82,11 +82,12 @@ def test_what_is_closed_and_what_is_convex():
     assert sheet.open and not sheet.convex and sheet.inside is None
 
 
-def test_two_boxes_as_one_mesh(tmp_path):
+@pytest.mark.parametrize("robot", [PANDA, UR5], ids=lambda robot: robot.name)
+def test_two_boxes_as_one_mesh(tmp_path, robot):
     """An L of two boxes and the same as one closed mesh in two shells have the same verdict, in another order too."""
-    rng, planning, seen = np.random.default_rng(2), PANDA.robot(), {True: 0, False: 0}
+    rng, planning, seen = np.random.default_rng(2), robot.robot(), {True: 0, False: 0}
     for k in range(40):
-        path = random_path(PANDA, rng, 6, 0.5)
+        path = random_path(robot, rng, 6, 0.5)
         at, long, high = rng.uniform([-0.6, -0.6, 0.2], [0.4, 0.6, 0.8]), (0.6, 0.1, 0.1), (0.1, 0.1, 0.6)
         up = at + np.array([0.25, 0.0, 0.25])
         boxes = [
@@ -98,7 +99,7 @@ def test_two_boxes_as_one_mesh(tmp_path):
         shells = [(CORNERS * long, FACES), (CORNERS * high + (up - at), FACES)]
         mesh = Obstacle(Shape.MESH, tuple(at), FLAT, (1.0,) * 3, "both", written(tmp_path / f"{k}.obj", shells))
         assert not form_of(mesh).convex
-        verdicts = [contacts(PANDA, there).check(path).contact for there in (boxes, boxes[::-1], [mesh])]
+        verdicts = [contacts(robot, there).check(path).contact for there in (boxes, boxes[::-1], [mesh])]
         assert len({contact is None for contact in verdicts}) == 1
         assert len({contact.chord for contact in verdicts if contact}) <= 1
         seen[verdicts[0] is None] += 1
