@@ -8,7 +8,7 @@ from pipeline.manifolds.base import Adherence, AdherenceParameters, Counters, Re
 from pipeline.manifolds.continuation import AtlasAdherence, TangentBundleAdherence
 from pipeline.manifolds.polyline import subdivided
 from pipeline.manifolds.projection import ProjectionAdherence
-from pipeline.manifolds.waypoints import dense
+from pipeline.manifolds.waypoints import dense, joined
 from pipeline.robots import Validity
 from pipeline.schema import Choice
 
@@ -50,6 +50,7 @@ __all__ = [
     "TangentBundleAdherence",
     "Traversal",
     "dense",
+    "joined",
     "make_adherence",
     "subdivided",
 ]

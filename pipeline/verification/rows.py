@@ -48,8 +48,7 @@ class Rows:
     def __init__(self, statement: Statement, kinematics: Kinematics) -> None:
         said: list[Saying] = list(statement.sayings)
         if statement.chain is not None:
-            chain = statement.chain
-            said.insert(0, Joined(f"{chain.name}_{len(chain.regions) - 1}", chain.frame))
+            said.insert(0, Joined(statement.chain.end, statement.chain.frame))
         self._sayings, self._kinematics = said, kinematics
         self.values(np.zeros((1, len(kinematics.names))))  # what does not fit is refused here
 

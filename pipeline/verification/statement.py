@@ -73,6 +73,11 @@ class ChainSaid:
     frame: str
     name: str = "chain"
 
+    @property
+    def end(self) -> str:
+        """The frame at its end."""
+        return f"{self.name}_{len(self.regions) - 1}"
+
 
 @dataclass(frozen=True)
 class Level:
