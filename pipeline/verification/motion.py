@@ -39,6 +39,7 @@ class Motion:
         self._levers, self._before = np.zeros((count, n)), np.zeros((count, n, n))
         for row, (item, joint) in enumerate(views):
             self._view(row, items[item].joint, joint)
+        self._bends = self._before * self._levers[:, None]  # |x''| <= dq @ bends @ dq
 
     @property
     def count(self) -> int:
@@ -56,15 +57,20 @@ class Motion:
         R, p = with_world(poses)
         dq = np.abs(np.diff(Q, axis=0))  # (C, n)
         found = np.empty((len(views), len(dq)))
-        size = max(_BLOCK // max(len(Q) * 24, 1), 1)
+        size = max(_BLOCK // (len(Q) * max(24, dq.shape[1])), 1)
         for first in range(0, len(found), size):
             rows = views[first : first + size]
             joint, seen = self._joint[rows], self._seen[rows]
-            x = self._corners[rows] @ R[:, joint].swapaxes(-1, -2) + p[:, joint, None]  # (T, V, 8, 3)
-            x = (x - p[:, seen, None]) @ R[:, seen]
-            moved = np.sqrt(np.square(np.diff(x, axis=0)).sum(axis=-1).max(axis=-1))  # (C, V)
-            bows = np.einsum("cn,vnm,cm,vm->vc", dq, self._before[rows], dq, self._levers[rows], optimize=True) / 2
-            found[first : first + size] = moved.T + bows + _LEAST
+            turned, moved = R[:, joint], p[:, joint]  # (T, V, 3, 3), (T, V, 3)
+            if (seen != WORLD).any():
+                back = R[:, seen].swapaxes(-1, -2)
+                turned, moved = back @ turned, (back @ (moved - p[:, seen])[..., None])[..., 0]
+            flat = turned.swapaxes(0, 1).reshape(len(rows), -1, 3)  # (V, 3 T, 3): one product a view
+            x = (flat @ self._corners[rows].swapaxes(1, 2)).reshape(len(rows), len(Q), 3, 8)
+            x += moved.swapaxes(0, 1)[..., None]
+            away = np.sqrt(np.square(np.diff(x, axis=1)).sum(axis=2).max(axis=2))  # (V, C)
+            bows = (dq @ self._bends[rows] * dq).sum(axis=2) / 2  # (V, C)
+            found[first : first + size] = away + bows + _LEAST
         return found
 
     def _view(self, row: int, moved: int, seen: int) -> None:

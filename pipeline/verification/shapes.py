@@ -1,5 +1,6 @@
 """Bodies and obstacles as plain coal is asked about them: solid where they are closed, surfaces where they are not."""
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,6 +18,7 @@ from pipeline.verification.solids import Inside, Surface
 
 _BEYOND = 1e-6  # how far a mesh may stick out of what stands for it: rounding [m]
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+_KEPT = 512  # bodies of robots, with their hulls and trees of triangles
 
 
 class Form:
@@ -95,8 +97,11 @@ class Form:
         return None if self._surface is None else self._surface.corners
 
 
+_made: OrderedDict[tuple[int, Geometry], tuple[coal.CollisionGeometry, list[tuple[Form, Place]]]] = OrderedDict()
+
+
 def forms_of_body(name: str, given: coal.CollisionGeometry, kind: Geometry) -> list[tuple[Form, Place]]:
-    """Return what a body of a robot is judged as, and where that is in its frame.
+    """Return what a body of a robot is judged as, and where that is in its frame; made once for each body read.
 
     What a mesh becomes (a primitive, a hull, pieces) is what the problem's `geometry` asks for; it is made by the
     robot's own code and held here against the mesh, which must not stick out of it.
@@ -104,6 +109,15 @@ def forms_of_body(name: str, given: coal.CollisionGeometry, kind: Geometry) -> l
     Raises:
         RobotError: a mesh sticks out of what stands for it.
     """
+    key = id(given), kind
+    if key not in _made:
+        _made[key] = given, _forms(name, given, kind)  # `given` is kept, so that its id stays its own
+        if len(_made) > _KEPT:
+            _made.popitem(last=False)
+    return _made[key][1]
+
+
+def _forms(name: str, given: coal.CollisionGeometry, kind: Geometry) -> list[tuple[Form, Place]]:
     if not isinstance(given, coal.BVHModelBase) or kind is Geometry.MESHES:
         return [(Form(given), Place())]
     corners = np.array(given.vertices()).reshape(-1, 3)
@@ -118,6 +132,8 @@ def forms_of_body(name: str, given: coal.CollisionGeometry, kind: Geometry) -> l
         hulls = [corners] if kind is Geometry.HULLS else kept_pieces(corners[faces])
         found = [(Form(hull(piece, name)), Place()) for piece in hulls]
         asked = np.concatenate([corners, corners[faces].mean(axis=1)])
+        if len(found) == 1:  # what is convex holds a mesh where it holds the corners of the mesh's own hull
+            asked = corners[ConvexHull(corners).vertices]
         out = _out_of_all([form.shape for form, _ in found], asked)
     if out > _BEYOND:
         raise RobotError(f"the mesh of body {name!r} sticks {out:.3g} m out of the {kind.value} that stand for it")
