@@ -18,7 +18,7 @@ from pipeline.verification.pairs import Item, Pair
 from pipeline.verification.touching import Asker, Placed, enclosed
 from pipeline.verification.verdict import CLEARANCE
 
-_TURN = 0.1  # of joints along a piece of a chord at most [rad]: motion bows by a few parts in a hundred
+_TURN = 0.2  # of joints along a piece of a chord at most [rad]: the bow is a tenth of the motion then
 _SLACK = 1e-7  # of distances by coal [m]
 _FINEST = 5e-6  # half of a stretch [m]: what is not proven then is sampled only
 _QUERIES = 30_000  # of coal for one path, after which stretches are no shorter than half of CLEARANCE
