@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import coal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -181,6 +182,8 @@ def usual_depth(one: Form, other: Form) -> float:
 
 
 def _depth(first: Item, second: Item, asked: float | None) -> float:
+    if isinstance(first.form.shape, coal.OcTree) and isinstance(second.form.shape, coal.OcTree):
+        raise ProblemError(f"{first.name!r} and {second.name!r} are both octrees, which coal always takes to meet")
     if asked == _NOT:
         return 0.0
     for item in (first, second):

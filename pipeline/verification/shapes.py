@@ -152,6 +152,8 @@ def form_of(obstacle: Obstacle) -> Form:
             raise ProblemError(f"octree {obstacle.name!r} has no points")
         return _octree(points.tobytes(), float(obstacle.size[0]))
     if obstacle.shape is Shape.MESH:
+        if not all(obstacle.size) or not np.isfinite(obstacle.size).all():
+            raise ProblemError(f"mesh {obstacle.name!r} has scale {obstacle.size}; it must be finite and not 0")
         try:
             state = Path(obstacle.file).stat()
             return _mesh(obstacle.file, tuple(map(float, obstacle.size)), state.st_mtime_ns, state.st_size)

@@ -5,6 +5,8 @@ import numpy as np
 
 from pipeline.verification.shapes import Form
 
+_NONE = 1e6  # [m]: where its search for a depth fails, coal says the largest number there is
+
 Placed = tuple[Form, np.ndarray, np.ndarray]  # a form with its rotation (3, 3) and position (3,) [m] in the world
 
 
@@ -19,7 +21,8 @@ class Asker:
         """Return the distance [m]: of convex forms, less than 0 and the shortest way out where they overlap."""
         there, here = coal.Transform3s(one[1], one[2]), coal.Transform3s(other[1], other[2])
         self._distances.clear()
-        return float(coal.distance(one[0].shape, there, other[0].shape, here, self._distance, self._distances))
+        found = float(coal.distance(one[0].shape, there, other[0].shape, here, self._distance, self._distances))
+        return found if abs(found) < _NONE else -np.inf
 
     def nearer(self, one: Placed, other: Placed, bound: float) -> bool:
         """Tell whether two forms, of which meshes are surfaces, are nearer than a bound of at least 0 [m]."""

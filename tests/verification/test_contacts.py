@@ -147,7 +147,7 @@ def test_touching_has_a_depth():
             assert contacts(ball, [plate]).check(path).contact is not None
             found = contacts(ball, [plate], {("point", "plate"): asked}).check(path)
             assert (found.contact is None) == free, (thickness, asked, deep)
-            assert not found.sampled
+            assert not found.sampled or abs(allowed - deep) < 1e-5  # nearer to a bound than can be proven
             if found.contact is not None:
                 assert found.contact.depth == pytest.approx(deep, abs=1e-5)
             deepest = contacts(ball, [plate], {("point", "plate"): asked}).deepest(path[[0]] * 0 + [0, 0, 0.03])
