@@ -57,7 +57,7 @@ def main(cfg: DictConfig) -> None:
             run_trials(experiment, environment, scenes, learned, rows) for _, rows in problems.groupby("scene")
         )
     solved = trials[trials.solved]
-    times, lengths = summary(1e3 * trials.planning_time), summary(solved.path_length)
+    times, lengths = summary(1e3 * trials.planning_time.to_numpy()), summary(solved.path_length.to_numpy())
     row = {
         "n": len(trials),
         "solved [%]": 100 * trials.solved.mean(),

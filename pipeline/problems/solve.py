@@ -31,7 +31,7 @@ class Solution:
         file: the problem.
         built: what was made of it.
         plan: the planner's result.
-        verdict: of the verifier, for `path`; None without a path.
+        verdict: of the verifier, for `path` or, where it is empty, for the last that was found; None without any.
         path: (T, n) on the manifold, `spacing` apart; empty unless verified.
         times: of its states (T,) [s], within the joint velocity limits.
         raw_length: before shortcuts [rad or m].
@@ -118,11 +118,12 @@ def solve(file: ProblemFile) -> Solution:
     end = begin + file.time_limit
     starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
     problem = Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
+    verdict: Verdict | None = None
     for attempt in count():
         left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
         plan = planner.plan(problem, sampler, left, file.seed + attempt)
         if not plan.solved:
-            return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, setup, time.perf_counter() - begin)
+            break
         shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts, end)
         for candidate in (shorter, plan.path):
             path = subdivided(candidate, file.spacing)
@@ -131,7 +132,7 @@ def solve(file: ProblemFile) -> Solution:
                 break
         if verdict.passed or time.perf_counter() > end:
             break
-    if not verdict.passed:
+    if verdict is None or not verdict.passed:
         path = np.empty((0, space.dimension))
     times, seconds = timestamps(path, built, file.speed), time.perf_counter() - begin
     return Solution(file, built, plan, verdict, path, times, path_length(plan.path), setup, seconds)

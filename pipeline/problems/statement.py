@@ -73,12 +73,12 @@ def statement_of(file: ProblemFile, start: np.ndarray) -> Statement:
     said = [said for part in file.parts() for said in _said(part, tool, _Start(kinematics, begin))]
     return Statement(
         settings,
-        tuple(one for one in said if not isinstance(one, Balanced)),
+        tuple(one for one in said if not isinstance(one, Term)),
         TOLERANCE,
         tuple(body.obstacle(file.folder) for body in file.obstacles),
         carried,
         chain,
-        conditions=tuple(one for one in said if isinstance(one, Balanced)),
+        conditions=tuple(one for one in said if isinstance(one, Term)),
     )
 
 

@@ -82,7 +82,7 @@ class _Robot:
 
     def add_group(self, settings: UrdfRobot) -> None:
         urdf = read_urdf(resolve(settings.urdf, settings.package_dirs), settings.package_dirs).movable(settings.movable)
-        based = {f"base_{name}": bounds for name, bounds in settings.floating.items()}
+        based = {f"base_{name}": (low, high) for name, (low, high) in settings.floating.items()}
         for name in settings.joints:
             if name not in urdf.joints and name not in based:
                 raise RobotError(unknown("joints names a joint that does not exist:", name, [*urdf.joints, *based]))
@@ -98,7 +98,7 @@ class _Robot:
                     parent = self.add_joint(name, parent, placement, np.array(axis, float), slides)
                     placement = Place()
                 else:
-                    placement = placement @ _moved(np.array(axis, float), slides, _middle(*based[name], settings, name))
+                    placement = placement @ _moved(np.array(axis, float), slides, _middle(based[name], settings, name))
                 self.frames[name] = (parent, placement)
                 if direction != "roll":
                     self.frames[f"base_after_{direction}"] = (parent, placement)
@@ -233,8 +233,8 @@ def _zero(low: float, high: float) -> float:
     return 0.0 if low <= 0 <= high else (low + high) / 2
 
 
-def _middle(low: float, high: float, settings: UrdfRobot, name: str) -> float:
-    return float(_given(settings).get(name, _zero(low, high)))
+def _middle(bounds: tuple[float, float], settings: UrdfRobot, name: str) -> float:
+    return float(_given(settings).get(name, _zero(*bounds)))
 
 
 def _moved(axis: np.ndarray, slides: bool, value: float) -> Place:
