@@ -130,7 +130,7 @@ def solve(file: ProblemFile) -> Solution:
             verdict = check(path, built, judge)
             if verdict.passed:
                 break
-        if verdict.passed or time.perf_counter() > end:
+        if (verdict is not None and verdict.passed) or time.perf_counter() > end:
             break
     if verdict is None or not verdict.passed:
         path = np.empty((0, space.dimension))
