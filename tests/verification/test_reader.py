@@ -14,7 +14,7 @@ from pipeline.robots import ROBOTS, Geometry, Obstacle, Placement, Shape, UrdfRo
 from pipeline.schema import Choice
 from pipeline.verification.centre import centre_of_faces
 from pipeline.verification.kinematics import WORLD, Kinematics
-from pipeline.verification.reader import read
+from pipeline.verification.reader import read, resting
 from pipeline.verification.statement import Carried, ChainSaid, Point, Region, Statement
 from tests.robots.named import FOLDER, ROBOT_NAMES, configurations, named
 
@@ -193,3 +193,39 @@ def test_unknown_frame_is_named():
     """A frame that does not exist is an error that names those there are."""
     with pytest.raises(RobotError, match="panda_hand_tcp"):
         read(Statement(settings("panda"), (), 1e-3)).frame("panda_hand_tpc")
+
+
+def test_leader_wins_over_states(tmp_path):
+    """A state of the SRDF that puts followers elsewhere moves nothing, one that puts their leader elsewhere does."""
+    path, srdf = tmp_path / "branches.urdf", tmp_path / "branches.srdf"
+    path.write_text(BRANCHES)
+    srdf.write_text(
+        '<robot name="branches"><group_state name="a" group="g"><joint name="de" value="0.8"/>'
+        '<joint name="cd" value="2"/><joint name="bc" value="-2"/></group_state></robot>'
+    )
+    made = UrdfRobot(str(path), ("ab", "ra"), "f", "branches", srdf=str(srdf), state="a")
+    fixed = replace(made, state="", fixed={"de": 0.8})
+    Q = np.random.default_rng(6).uniform(0.2, 0.6, (4, 2))
+    one, other = (read(Statement(said, (), 1e-3)).frame_poses(Q, "f") for said in (made, fixed))
+    assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    check_frames(read(Statement(made, (), 1e-3)), made.robot().model, Q)
+    assert np.array_equal(resting(made), made.robot().rest)
+    with pytest.raises(RobotError, match="mimics 'de'"):
+        read(Statement(replace(made, joints=("ab", "de")), (), 1e-3))
+
+
+def test_shapes_that_links_say_otherwise(tmp_path):
+    """A cylinder that its link calls a capsule is one, as pinocchio has it; continuous joints get limits."""
+    path = tmp_path / "capsule.urdf"
+    path.write_text(
+        '<robot name="r"><link name="a"/><link name="b"><collision name="rod"><geometry>'
+        '<cylinder radius="0.1" length="0.4"/></geometry></collision><collision name="can"><geometry>'
+        '<cylinder radius="0.2" length="0.3"/></geometry></collision>'
+        '<collision_checking><capsule name="rod"/></collision_checking></link>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    made = UrdfRobot(str(path), ("j",), "b", "r", continuous=3.0)
+    ours, planned = read(Statement(made, (), 1e-3)), made.robot().geometry.geometryObjects
+    assert [type(body.geometry) for body in ours.bodies] == [type(body.geometry) for body in planned]
+    assert [body.geometry.radius for body in ours.bodies] == [0.1, 0.2]
+    assert (ours.lower[0], ours.upper[0], bool(ours.turning[0])) == (-3.0, 3.0, True)
