@@ -1,4 +1,4 @@
-"""Plan the training problems with the oracle, on all cores and resumably."""
+"""Plan the training problems with the oracle and verify the paths, on all cores and resumably."""
 
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.environments import ENVIRONMENTS, Split, read_problems, read_scenes
-from pipeline.environments.oracle import Oracle, demonstrate, shards
+from pipeline.environments.oracle import UNVERIFIED, Oracle, demonstrate, shards
 from pipeline.files import write_json, write_table
 from pipeline.keys import code_digest, digest
 from pipeline.machine import here
@@ -57,6 +57,7 @@ def main(cfg: DictConfig) -> None:
         "problems": len(paths),
         "solved": int(paths.solved.sum()),
         "failed": int((~paths.solved).sum()),
+        "unverified": int((paths.status == UNVERIFIED).sum()),
         "median_length": float(paths[paths.solved].length.median()),
         "median_length_before_shortcuts": float(paths[paths.solved].raw_length.median()),
     }

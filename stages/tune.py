@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 
 from pipeline.config import load
 from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
-from pipeline.evaluation import VerifierParameters, summary
+from pipeline.evaluation import summary
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays
@@ -19,6 +19,7 @@ from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
 from pipeline.stage import ARTIFACTS, SCRATCH, folder, guarded
 from pipeline.sweep import keep_row
+from pipeline.verification.verdict import VerifierParameters
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,7 @@ def test_compose_is_the_command_line():
         ("train", "reverse=1", ["reverse is 1 (int)", "type bool"]),
         ("train", "model.network.dropout=1", ["network.dropout is 1.0", "below 1"]),
         ("benchmark", "experiment.time_limit=0", ["time_limit is 0.0 s", "above 0 s"]),
-        ("benchmark", "experiment.verifier.step=nan", ["verifier.step is nan", "finite and above 0"]),
+        ("benchmark", "+experiment.verifier.endpoint=nan", ["verifier.endpoint is nan", "finite and above 0"]),
         ("voxels", "perception.voxels.lower=[0,0]", ["perception.voxels.lower has 2 items", "expected 3"]),
         ("scenes", "environment.parameters.bands.0.side=2", ["band.side is 2", "choices: -1, 1"]),
         ("scenes", "workers=${nowhere}", ["cannot be resolved", "nowhere"]),

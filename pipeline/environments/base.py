@@ -14,6 +14,7 @@ from pipeline.errors import ArtifactError, ProblemError, require
 from pipeline.files import read_table, write_table
 from pipeline.robots import Obstacle, Robot, Validity, obstacles_from_frame, obstacles_to_frame
 from pipeline.robots.obstacles import COLUMNS
+from pipeline.verification.statement import Statement
 
 SCENES, PROBLEMS = "scenes.parquet", "problems.parquet"
 
@@ -55,6 +56,9 @@ class Environment(Protocol):
 
     def constraint(self) -> Constraint:
         """Return the constraint."""
+
+    def statement(self, scene: Scene) -> Statement:
+        """Return what is asked of paths in a scene, for the verifier."""
 
     def scenes(self, counts: dict[Split, int]) -> list[Scene]:
         """Return the scenes, with `counts` of them per split where a scenario has several."""

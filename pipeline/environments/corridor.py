@@ -8,9 +8,10 @@ from pipeline.constraints import height, intersection, upright
 from pipeline.constraints.inverse import InverseKinematics, in_region
 from pipeline.constraints.regions import TaskSpaceRegion
 from pipeline.environments.furniture import box
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Level, OnPlane, Task
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Task
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
+from pipeline.verification.statement import Carried, Level, OnPlane
 
 _CELL = 0.11  # from wall to wall, middle to middle [m]: corridors are 10 cm wide
 _WALL = 0.01  # thickness [m]
@@ -41,7 +42,7 @@ class PenCorridors:
             raise ConfigError(f"pen corridors are set up for {', '.join(_STATIONS)}, not for {robot.name!r}")
         down = _STATIONS[robot.name]
         pen = Obstacle(Shape.BOX, (0.0, 0.0, _LENGTH / 2), (0.0, 0.0, 0.0, 1.0), (_PEN, _PEN, _LENGTH), "pen")
-        self.robot = attach(robot, pen, robot.tool)
+        self.robot, self.carried = attach(robot, pen, robot.tool), (Carried(pen, robot.tool),)
         self.height = _FLOOR + _HIGH - _DEEP + _LENGTH  # of the tool
         self.constraint = intersection(
             upright(self.robot, robot.tool, direction=down), height(self.robot, robot.tool, self.height)
@@ -59,7 +60,16 @@ class PenCorridors:
             ends = [self._over(cell, validity, rng) for cell in (first, _farthest(walls, first))]
             if ends[0] is not None and ends[1] is not None:
                 name = f"corridor {self.robot.name} {number}"
-                return Task(name, self.robot, self.constraint, obstacles, ends[0], ends[1], self.says)
+                return Task(
+                    name,
+                    self.robot,
+                    self.constraint,
+                    obstacles,
+                    ends[0],
+                    ends[1],
+                    self.says,
+                    carried=self.carried,
+                )
         raise ProblemError(f"no start and goal were found for corridor {number}, {self.robot.name!r}, seed {seed}")
 
     def _over(self, cell: tuple[int, int], validity: Validity, rng: np.random.Generator) -> np.ndarray | None:

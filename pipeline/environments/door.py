@@ -7,9 +7,10 @@ import numpy as np
 from pipeline.constraints import TaskSpaceRegion, chain
 from pipeline.constraints.inverse import InverseKinematics, with_values
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Joined, Task
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Task
 from pipeline.errors import ProblemError
 from pipeline.robots import Obstacle, Placement, Robot, Validity, attach
+from pipeline.verification.statement import Carried, ChainSaid, Joined, Region
 
 _TRIES = 50  # of inverse kinematics for the start, and for the goal
 _WIDEST = 1.3  # a door opens this far [rad]
@@ -39,19 +40,14 @@ class DoorOpening:
             hinge = np.array([rng.uniform(0.62, 0.8), side * rng.uniform(0.25, 0.4), rng.uniform(0.36, 0.55)])
             handle, opened = rng.uniform(0.3, 0.42), rng.uniform(0.6, 1.1)
             swing = (-_WIDEST, _SLACK) if side > 0 else (-_SLACK, _WIDEST)
-            door = chain(
-                self.robot,
-                [
-                    TaskSpaceRegion((0, 0, 0, 0, 0, swing[0]), (0, 0, 0, 0, 0, swing[1]), Placement(tuple(hinge))),
-                    TaskSpaceRegion(
-                        (0, 0, 0, 0, -_TILT, 0),
-                        (0, 0, 0, 0, _TILT, 0),
-                        Placement((-_HANDLE, -side * handle, 0.0)),
-                        Placement((0.0, 0.0, 0.0), rpy=(0.0, np.pi / 2, 0.0)),  # the hand points at the panel
-                    ),
-                ],
-                name="door",
+            at_hinge, at_handle = Placement(tuple(hinge.tolist())), Placement((-_HANDLE, -side * handle, 0.0))
+            ahead = Placement((0.0, 0.0, 0.0), rpy=(0.0, np.pi / 2, 0.0))  # the hand points at the panel
+            regions = (
+                Region((0, 0, 0, 0, 0, swing[0]), (0, 0, 0, 0, 0, swing[1]), at_hinge),
+                Region((0, 0, 0, 0, -_TILT, 0), (0, 0, 0, 0, _TILT, 0), at_handle, ahead),
             )
+            planned = [TaskSpaceRegion(r.lower, r.upper, r.place, r.end) for r in regions]
+            door = chain(self.robot, planned, name="door")
             panel = box("panel", (0.0, -side * (handle + 0.12) / 2, 0.0), (0.02, handle + 0.1, 0.6))
             robot = attach(door.robot, panel, "door_0")
             obstacles = tuple(_clutter(rng, hinge, side, handle))
@@ -71,7 +67,18 @@ class DoorOpening:
                 if goal is not None and fits(goal):
                     name = f"door {self.robot.name} {number}"
                     says = (Joined(door.end, robot.tool),)
-                    return Task(name, robot, door.constraint, obstacles, start, goal, says, touching)
+                    return Task(
+                        name,
+                        robot,
+                        door.constraint,
+                        obstacles,
+                        start,
+                        goal,
+                        says,
+                        touching,
+                        carried=(Carried(panel, "door_0"),),
+                        chain=ChainSaid(regions, robot.tool, "door"),
+                    )
         raise ProblemError(f"no start and goal were found for door {number}, {self.robot.name!r}, seed {seed}")
 
 

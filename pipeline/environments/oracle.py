@@ -13,6 +13,9 @@ from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS, Planner, Problem, Termination, path_length, shortcut
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
+from pipeline.verification.judge import Judge
+
+UNVERIFIED = "unverified"  # status of a path that the verifier refused
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,9 @@ def shards(problems: pd.DataFrame, size: int) -> Iterator[tuple[str, pd.DataFram
 def demonstrate(
     oracle: Oracle, environment: Environment, scenes: dict[str, Scene], problems: pd.DataFrame
 ) -> pd.DataFrame:
-    """Plan the problems of one scene; one row each, failures included with an empty path.
+    """Plan the problems of one scene and verify the paths; one row each, failures included with an empty path.
+
+    A path that the verifier refuses is no demonstration: its status is `unverified`, its message the verifier's.
 
     Columns: scenario, scene, split, problem, status, solved, message, length [m], raw_length [m] (before shortcuts),
     the counters, path, waypoints, dimension, and planning_time [s], which alone does not repeat.
@@ -57,6 +62,7 @@ def demonstrate(
     robot = environment.robot()
     space = make_adherence(oracle.adherence, environment.constraint(), validity(environment, scene, robot))
     planner: Planner = oracle.planner.make(PLANNERS, "oracle.planner")
+    judge = Judge(environment.statement(scene))
     rows: list[dict[str, Any]] = []
     tuples: Any = problems.itertuples()  # pandas types its fields as any scalar
     for problem in tuples:
@@ -77,8 +83,13 @@ def demonstrate(
             rows.append({**head, "status": "refused", "solved": False, "message": str(error), **none, **empty})
             continue
         path = shortcut(space, result.path, np.random.default_rng(seed), oracle.shortcuts)
-        paths = {"length": path, "raw_length": result.path}
-        lengths = {name: path_length(states) if result.solved else np.nan for name, states in paths.items()}
+        verdict = judge.verify(path, np.array(problem.start), np.array(problem.goal)) if result.solved else None
+        solved, message = result.solved, ""
         record = {k: v for k, v in result.row().items() if k not in ("claimed", "network_time")}
-        rows.append({**head, "solved": result.solved, "message": "", **lengths, **record, **flatten(path)})
+        if verdict is not None and not verdict.passed:
+            solved, message, path = False, verdict.message, np.empty((0, robot.dimension))
+            record["status"] = UNVERIFIED
+        paths = {"length": path, "raw_length": result.path}
+        lengths = {name: path_length(states) if solved else np.nan for name, states in paths.items()}
+        rows.append({**head, "solved": solved, "message": message, **lengths, **record, **flatten(path)})
     return pd.DataFrame(rows)

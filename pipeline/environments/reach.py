@@ -2,15 +2,17 @@
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from pipeline.constraints import balanced, feet_on_ground
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Pinned, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Robot, Validity
+from pipeline.verification.statement import Balanced, Pinned
 
 FEET = tuple(f"contact_{i}" for i in range(1, 5))
 _MARGIN = 0.02  # of the centre of mass to the edges of the support polygon [m]
@@ -40,6 +42,7 @@ class BalancedReach:
         self.says = tuple(Pinned(frame, tuple(float(c) for c in point)) for frame, point in contacts.items())
         self.constraint = feet_on_ground(robot, contacts)
         self.balance = balanced(robot, self.contacts.tolist(), _MARGIN)
+        self.terms = (Balanced(tuple(tuple(point) for point in self.contacts.tolist()), _MARGIN),)
         upper_body = [joint.startswith(("torso", "j_arm")) for joint in robot.joint_names]
         self.rest: np.ndarray = robot.rest
         self._spread = np.where(upper_body, _SPREAD, _LEGS)
@@ -59,8 +62,8 @@ class BalancedReach:
 
             ends = two_ends(partial(self._draw, rng), fits, _LEAST, _TRIES)
             if ends is not None:
-                name, conditions = f"reach {number}", (self.balance,)
-                return Task(name, robot, self.constraint, obstacles, *ends, self.says, conditions=conditions)
+                said: Any = {"conditions": (self.balance,), "terms": self.terms}
+                return Task(f"reach {number}", robot, self.constraint, obstacles, *ends, self.says, **said)
         raise ProblemError(f"no start and goal were found for balanced reach {number}, seed {seed}")
 
     def _draw(self, rng: np.random.Generator) -> np.ndarray:

@@ -22,6 +22,7 @@ from pipeline.constraints import Constraint, sphere_constraint
 from pipeline.environments.base import Scene, Split
 from pipeline.errors import ConfigError, ProblemError, require
 from pipeline.robots import Obstacle, Robot, Shape, Validity, point_robot
+from pipeline.verification.statement import OnSphere, Point, Statement
 
 BLOCKS, BANDS = "blocks", "bands"
 _IDENTITY = (0.0, 0.0, 0.0, 1.0)
@@ -105,6 +106,11 @@ class SphereEnvironment:
     def constraint(self) -> Constraint:
         """Return F(q) = ||q|| - radius."""
         return sphere_constraint(self.robot(), self.frame, self.radius, self.tolerance, self.max_iterations)
+
+    def statement(self, scene: Scene) -> Statement:
+        """Return what is asked of paths in a scene: a point at a distance from the origin, clear of all boxes."""
+        point = Point(self.robot_radius, (-self.reach,) * 3, (self.reach,) * 3)
+        return Statement(point, (OnSphere(self.frame, self.radius),), self.tolerance, scene.obstacles)
 
     def scenes(self, counts: dict[Split, int]) -> list[Scene]:
         """Return the scenes of scenario 1, `counts` per split, and the one of scenario 2.

@@ -7,56 +7,12 @@ from typing import Protocol
 import numpy as np
 
 from pipeline.constraints import Condition, Constraint
-from pipeline.robots import IDENTITY, Obstacle, Placement, Robot, Validity
+from pipeline.errors import ConfigError
+from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity
+from pipeline.verification.statement import Carried, ChainSaid, Joined, Saying, Statement, Term
 
 # What start and goal keep from obstacles and from the robot itself [m], so that no planner's margin forbids them.
 NEAR, NEAR_ITSELF = 0.02, 0.005
-
-
-@dataclass(frozen=True)
-class Level:
-    """An axis of a frame (3,) keeps a direction of the world (3,)."""
-
-    frame: str
-    axis: tuple[float, ...]
-    direction: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Joined:
-    """`other` keeps a pose in `frame`."""
-
-    frame: str
-    other: str
-    relative: Placement = IDENTITY
-
-
-@dataclass(frozen=True)
-class Pinned:
-    """The origin of a frame stays at a point of the world (3,) [m]."""
-
-    frame: str
-    point: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class OnPlane:
-    """The origin of a frame keeps a distance [m] from the world's origin along a unit vector (3,)."""
-
-    frame: str
-    normal: tuple[float, ...]
-    distance: float
-
-
-@dataclass(frozen=True)
-class OnTorus:
-    """A point stays on a torus about the world's z axis [m]."""
-
-    major: float
-    minor: float
-
-
-Saying = Level | Joined | Pinned | OnPlane | OnTorus
 
 
 @dataclass(frozen=True)
@@ -71,6 +27,10 @@ class Task:
         says: what the constraint says, for peers that write it in their own way.
         touching: pairs (body, obstacle) that may touch.
         conditions: what else configurations must meet.
+        carried: what the robot holds, as plain data.
+        chain: regions whose end it holds; `says` has them too, as frames that are joined.
+        terms: what the conditions say.
+        tolerance: of ||F||.
     """
 
     name: str
@@ -82,6 +42,26 @@ class Task:
     says: tuple[Saying, ...]
     touching: tuple[tuple[str, str], ...] = ()
     conditions: tuple[Condition, ...] = ()
+    carried: tuple[Carried, ...] = ()
+    chain: ChainSaid | None = None
+    terms: tuple[Term, ...] = ()
+    tolerance: float = 1e-3
+
+    def statement(self, robot: UrdfRobot | None) -> Statement:
+        """Return what the task says, for the verifier; `robot` is what the family's robot is made of."""
+        if robot is None:
+            raise ConfigError(f"task {self.name!r} needs the settings of its robot to be verified")
+        joined = None if self.chain is None else Joined(self.chain.end, self.chain.frame)
+        return Statement(
+            robot,
+            tuple(saying for saying in self.says if saying != joined),
+            self.tolerance,
+            self.obstacles,
+            self.carried,
+            self.chain,
+            dict.fromkeys(self.touching),
+            self.terms,
+        )
 
     def validity(self, margin: float = 0.0, self_margin: float = 0.0) -> Validity:
         """Return the checker that keeps `margin` from obstacles and conditions and `self_margin` between bodies [m]."""

@@ -9,9 +9,10 @@ from pipeline.constraints import height, intersection, upright
 from pipeline.constraints.inverse import InverseKinematics, in_region
 from pipeline.constraints.regions import TaskSpaceRegion
 from pipeline.environments.furniture import box, cylinder
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Level, OnPlane, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
+from pipeline.verification.statement import Carried, Level, OnPlane
 
 _BRACKET = Path(__file__).with_name("shapes") / "bracket.obj"
 _TABLE = 0.02  # height of its top [m]
@@ -42,7 +43,7 @@ class Thicket:
         stick = Obstacle(
             Shape.CYLINDER, (0.0, 0.0, _LENGTH / 2), (0.0, 0.0, 0.0, 1.0), (_STICK, _STICK, _LENGTH), "stick"
         )
-        self.robot = attach(robot, stick, robot.tool)
+        self.robot, self.carried = attach(robot, stick, robot.tool), (Carried(stick, robot.tool),)
         self.height = _TABLE + _LENGTH - _DEEP  # of the tool
         self.constraint = intersection(
             upright(self.robot, robot.tool, direction=down), height(self.robot, robot.tool, self.height)
@@ -59,7 +60,9 @@ class Thicket:
             ends = two_ends(lambda rng=rng: self._draw(rng), validity.free, _APART, _TRIES)  # type: ignore[misc]
             if ends is not None:
                 name = f"thicket {self.robot.name} {number}"
-                return Task(name, self.robot, self.constraint, obstacles, *ends, self.says, touching)
+                return Task(
+                    name, self.robot, self.constraint, obstacles, *ends, self.says, touching, carried=self.carried
+                )
         raise ProblemError(f"no start and goal were found for thicket {number}, {self.robot.name!r}, seed {seed}")
 
     def _draw(self, rng: np.random.Generator) -> np.ndarray:

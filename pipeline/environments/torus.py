@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.image import imread
 
 from pipeline.constraints import Constraint
-from pipeline.environments.task import OnTorus, Task
+from pipeline.environments.task import Task
 from pipeline.errors import ConstraintError, ProblemError, require
-from pipeline.robots import Robot, Validity, point_robot
+from pipeline.robots import Robot, UrdfRobot, Validity, point_robot
+from pipeline.verification.statement import Mazed, OnTorus, Point, Statement
 
 MAJOR, MINOR = 2.0, 1.0  # radii of OMPL's example [m]
 _DARK = 0.5  # brightness below which a pixel is a wall
@@ -213,6 +214,13 @@ class MazeTask(Task):
         """Return the checker that keeps `margin` [m] from walls."""
         return Validity(self.robot, (), conditions=[self.maze.kept(margin)])
 
+    def statement(self, robot: UrdfRobot | None = None) -> Statement:
+        """Return what the task says, for the verifier; its point has no settings."""
+        maze = self.maze
+        walls = Mazed(maze.walls, maze.major, maze.minor)
+        point = Point(_RADIUS, *_limits(maze.major, maze.minor))
+        return Statement(point, (OnTorus(maze.major, maze.minor),), self.tolerance, conditions=(walls,))
+
 
 def maze_task(maze: TorusMaze, start: tuple[float, float], goal: tuple[float, float], name: str = "maze") -> MazeTask:
     """Return the task of getting from one place (row, column) of a maze's picture to another.
@@ -220,8 +228,7 @@ def maze_task(maze: TorusMaze, start: tuple[float, float], goal: tuple[float, fl
     Raises:
         ProblemError: a place in a wall.
     """
-    reach, high = maze.major + maze.minor + 0.1, maze.minor + 0.1
-    robot = point_robot(_RADIUS, [-reach, -reach, -high], [reach, reach, high])
+    robot = point_robot(_RADIUS, *_limits(maze.major, maze.minor))
     ends = [maze.point(*place) for place in (start, goal)]
     for which, place, q in zip(("start", "goal"), (start, goal), ends, strict=True):
         if not maze.holds(q):
@@ -229,6 +236,12 @@ def maze_task(maze: TorusMaze, start: tuple[float, float], goal: tuple[float, fl
     constraint = torus_constraint(robot, "point", maze.major, maze.minor)
     says = (OnTorus(maze.major, maze.minor),)
     return MazeTask(name, robot, constraint, (), ends[0], ends[1], says, maze=maze)
+
+
+def _limits(major: float, minor: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return lower and upper limits of a point on a torus (3,) [m]."""
+    reach, high = major + minor + 0.1, minor + 0.1
+    return (-reach, -reach, -high), (reach, reach, high)
 
 
 @dataclass(frozen=True)

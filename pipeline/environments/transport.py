@@ -9,9 +9,10 @@ import pinocchio as pin
 
 from pipeline.constraints import Constraint, upright
 from pipeline.environments.furniture import box, cylinder
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Level, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Robot, Validity, stands_clear
+from pipeline.verification.statement import Level
 
 _TRIES = 80  # times fifty random configurations
 _EDGE = 0.15  # from the shoulder to where objects may stand [m], less half of the widest

@@ -8,9 +8,11 @@ import pinocchio as pin
 
 from pipeline.constraints import closed_chain, intersection, upright
 from pipeline.environments.furniture import box, cylinder, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Joined, Level, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
+from pipeline.robots.bodies import body_of
+from pipeline.verification.statement import Carried, Joined, Level
 
 LEFT, RIGHT = "left_gripper", "right_gripper"
 _UP = (0.0, 0.0, 1.0)
@@ -41,7 +43,8 @@ class TwoArmTray:
             Shape.BOX, (x, y, z), (quaternion[0], quaternion[1], quaternion[2], quaternion[3]), _TRAY, "tray"
         )
         self.rest: np.ndarray = robot.rest
-        self.robot = attach(robot, tray, LEFT, [name for name in robot.body_names if name.startswith("r_gripper")])
+        beside = dict.fromkeys(body_of(name) for name in robot.body_names if name.startswith("r_gripper"))
+        self.robot, self.carried = attach(robot, tray, LEFT, beside), (Carried(tray, LEFT, beside=beside),)
         axis = tuple(float(c) for c in left.rotation.T @ np.array(_UP))
         relative = left.actInv(right)
         self.says = (Joined(LEFT, RIGHT, Placement.of(relative)), Level(LEFT, axis, _UP))
@@ -60,7 +63,7 @@ class TwoArmTray:
             validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF)
             ends = two_ends(partial(self._draw, rng), validity.free, _LEAST, _TRIES)
             if ends is not None:
-                return Task(f"tray {number}", robot, self.constraint, obstacles, *ends, self.says)
+                return Task(f"tray {number}", robot, self.constraint, obstacles, *ends, self.says, carried=self.carried)
         raise ProblemError(f"no start and goal were found for tray {number}, seed {seed}")
 
     def _draw(self, rng: np.random.Generator) -> np.ndarray:

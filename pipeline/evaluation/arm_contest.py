@@ -18,10 +18,10 @@ from pipeline.evaluation.families import Ours, Setting
 from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
 from pipeline.evaluation.roboplan_peer import GEOMETRY, RoboplanParameters, RoboplanPeer, load_roboplan
 from pipeline.evaluation.statistics import summary
-from pipeline.manifolds import dense, make_adherence
+from pipeline.manifolds import dense, joined, make_adherence
 from pipeline.planners import Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
-from pipeline.robots import Robot
+from pipeline.robots import Geometry
 from pipeline.schema import Choice
 
 log = logging.getLogger(__name__)
@@ -142,12 +142,12 @@ class _Route:
     Attributes:
         plan: returns the time [s], the path (T, n), None without one, and counts.
         most: for how many tasks; None for all.
-        robot: with the geometry that is planned with; None for that of the task.
+        geometry: that is planned with; None for that of the task.
     """
 
     plan: _Plan
     most: int | None = None
-    robot: Robot | None = None
+    geometry: Geometry | None = None
 
 
 def _routes(contest: ArmContest, setting: Setting) -> dict[str, _Route]:
@@ -162,9 +162,8 @@ def _routes(contest: ArmContest, setting: Setting) -> dict[str, _Route]:
     routes[ORDINARY] = _Route(_ompl(setting, True), setting.peers)
     routes[OMPL_OURS] = _Route(_ompl(setting, False), setting.peers)
     if contest.roboplan and setting.kind in ROBOPLAN_PLANS:
-        meshes = setting.family(GEOMETRY).task(contest.seed, 0).robot  # with what it holds
         for name, parameters in contest.roboplan.items():
-            routes[f"{ROBOPLAN}, {name}"] = _Route(_roboplan(setting, parameters), robot=meshes)
+            routes[f"{ROBOPLAN}, {name}"] = _Route(_roboplan(setting, parameters), geometry=GEOMETRY)
     return routes
 
 
@@ -203,8 +202,8 @@ def _trial(setting: Setting, route: _Route, task: Task, seed: int) -> dict[str, 
     found |= {"checks": counts.get("collision_checks", np.nan), "projections": counts.get("projections", np.nan)}
     if path is not None:
         verdict = own = setting.verdict(task, path)
-        if route.robot is not None:
-            own = setting.verdict(replace(task, robot=route.robot), path)
+        if route.geometry is not None:
+            own = setting.verdict(task, path, route.geometry)
         for suffix, judged in (("", verdict), ("_own", own)):
             reason = judged.failure.value if judged.failure else ""
             found |= {f"verified{suffix}": judged.passed, f"reason{suffix}": reason}
@@ -235,7 +234,7 @@ def _ompl(setting: Setting, ordinary: bool) -> _Plan:
         counts = result.row()
         if ordinary:
             del counts["collision_checks"]  # those of a checker that was not asked
-        return result.planning_time, result.path if result.solved else None, counts
+        return result.planning_time, joined(space, result.path) if result.solved else None, counts
 
     return plan
 
@@ -252,7 +251,8 @@ def _roboplan(setting: Setting, parameters: RoboplanParameters) -> _Plan:
         seconds, path = peer[0].plan(task, setting.time_limit, seed)
         if path is None:
             return seconds, None, {}
-        return seconds, dense(make_adherence(adherence, task.constraint, task.validity()), path, _DENSE), {}
+        space = make_adherence(adherence, task.constraint, task.validity())
+        return seconds, joined(space, dense(space, path, _DENSE)), {}
 
     return plan
 

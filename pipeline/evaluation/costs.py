@@ -20,7 +20,6 @@ from pipeline.environments import Environment, Scene, validity
 from pipeline.environments.oracle import Oracle, demonstrate, shards
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.statistics import summary
-from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.learning import CompnetxNetwork, Model, Products
 from pipeline.learning.dropout import draw_masks
 from pipeline.manifolds import Adherence, Traversal, make_adherence
@@ -31,6 +30,8 @@ from pipeline.robots import Validity
 from pipeline.samplers import UniformSampler
 from pipeline.samplers.choices import check_sampler
 from pipeline.schema import Choice
+from pipeline.verification.judge import Judge
+from pipeline.verification.verdict import VerifierParameters
 
 log = logging.getLogger(__name__)
 PARTS = ("part", "per", "n", "median [us]", "p95 [us]")
@@ -318,10 +319,10 @@ def _paths(place: Workplace) -> Iterator[_Part]:
     for problem, path in itertools.islice(place.planned(space), 1, None):
         if not len(path):
             continue
-        exact = place.checker(str(problem.scene), 0.0)
-        verified = partial(verify, start=problem.start, goal=problem.goal, constraint=constraint, validity=exact)
+        judge = Judge(place.environment.statement(place.scenes[str(problem.scene)]), place.verifier)
+        verified = partial(judge.verify, start=problem.start, goal=problem.goal)
         refine.append(times_us(space.refine, [path])[0])
-        check.append(times_us(partial(verified, parameters=place.verifier), [path])[0])
+        check.append(times_us(verified, [path])[0])
         states.append(len(path))
     per = f"path (median of {summary(states).median:.0f} states)"
     yield "refine", per, np.array(refine)

@@ -8,12 +8,13 @@ import numpy as np
 from pipeline.environments.families import KINDS, make_family
 from pipeline.environments.task import Family, Task
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination
 from pipeline.robots import ROBOTS, Geometry, Robot, UrdfRobot
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
+from pipeline.verification.judge import Judge
+from pipeline.verification.verdict import Verdict, VerifierParameters
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,10 @@ class Setting:
         require("peers", self.peers, at_least=0)
         require("ompl_delta", self.ompl_delta, above=0)
 
-    def description(self) -> UrdfRobot | None:
-        """Return what the robot is made of; None for mazes."""
+    def description(self, geometry: Geometry | None = None) -> UrdfRobot | None:
+        """Return what the robot is made of; None for mazes. `geometry` replaces what meshes become by its settings."""
         made: UrdfRobot | None = None if self.robot is None else self.robot.make(ROBOTS, "robot")
-        return made
+        return made if made is None or geometry is None else replace(made, geometry=geometry)
 
     def family(self, geometry: Geometry | None = None) -> Family:
         """Return the family; building the robot and its constraint takes up to a second.
@@ -68,15 +69,13 @@ class Setting:
         Args:
             geometry: what meshes of the robot become, in place of what its settings say.
         """
-        made = self.description()
-        if made is not None and geometry is not None:
-            made = replace(made, geometry=geometry)
+        made = self.description(geometry)
         robot: Robot | None = None if made is None else made.robot()
         return make_family(self.kind, robot, self.parameters)
 
-    def verdict(self, task: Task, path: np.ndarray) -> Verdict:
-        """Return the verifier's verdict on a path (T, n), without margin."""
-        return verify(path, task.start, task.goal, task.constraint, task.validity(), self.verifier)
+    def verdict(self, task: Task, path: np.ndarray, geometry: Geometry | None = None) -> Verdict:
+        """Return the verifier's verdict on a path (T, n), by the robot's own geometry or another."""
+        return Judge(task.statement(self.description(geometry)), self.verifier).verify(path, task.start, task.goal)
 
 
 class Ours:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pipeline.environments.task import Joined, Level, OnPlane, OnTorus, Pinned, Task
+from pipeline.environments.task import Task
 from pipeline.robots import Obstacle, Robot
+from pipeline.verification.statement import Joined, Level, OnPlane, OnTorus, Pinned
 
 
 class OrdinaryConstraint:

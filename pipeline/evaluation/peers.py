@@ -24,14 +24,15 @@ from pipeline.environments import Environment, Scene, validity
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.clusters import paired_interval, success_interval
 from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
-from pipeline.evaluation.verifier import VerifierParameters, verify
-from pipeline.manifolds import Adherence, AtlasParameters, make_adherence
+from pipeline.manifolds import Adherence, AtlasParameters, joined, make_adherence
 from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
 from pipeline.robots import Validity
 from pipeline.samplers import Sampler, UniformSampler
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
+from pipeline.verification.judge import Judge
+from pipeline.verification.verdict import VerifierParameters
 
 log = logging.getLogger(__name__)
 OURS, SAME, ORDINARY, OVERRIDDEN = "ours", "ours, OMPL's spacing", "OMPL", "OMPL, project overridden"
@@ -159,7 +160,7 @@ def contest_trials(
     robot, constraint, begin = environment.robot(), environment.constraint(), time.monotonic()
     named = {name: scenes[name] for name in problems["scene"].unique()}
     checkers = {name: validity(environment, scene, robot) for name, scene in named.items()}
-    exact = {name: validity(environment, scene, robot, margin=0.0) for name, scene in named.items()}
+    judges = {name: Judge(environment.statement(scene), contest.verifier) for name, scene in named.items()}
     entrants = list(_entrants(contest, constraint, checkers[problems["scene"].iloc[0]]))
     spaces = list({id(entrant.space): entrant.space for entrant in entrants}.values())
     rows: list[dict[str, Any]] = []
@@ -177,7 +178,9 @@ def contest_trials(
             if place == 0:
                 entrant.plan(problem, _WARM_UP, seed)
             result = entrant.plan(problem, contest.time_limit, seed)
-            verdict = verify(result.path, start, goal, constraint, exact[asked.scene], contest.verifier)
+            peer = result.solved and isinstance(entrant.search, OmplPlanner)
+            path = joined(entrant.space, result.path) if peer else result.path
+            verdict = judges[asked.scene].verify(path, start, goal)
             rows.append({
                 "scene": asked.scene, "problem": place, "planner": entrant.planner,
                 "adherence": entrant.adherence, "route": entrant.route, "delta": entrant.delta,

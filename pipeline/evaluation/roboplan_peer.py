@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.environments.task import Joined, Level, Saying, Task
+from pipeline.environments.task import Task
 from pipeline.errors import ConfigError
 from pipeline.robots import Geometry, Robot, Shape, UrdfRobot
 from pipeline.robots.description import SHARE, resolve
+from pipeline.verification.statement import Joined, Level, Saying
 
 GEOMETRY = Geometry.MESHES  # what it plans with
 DIFFERENCES = (

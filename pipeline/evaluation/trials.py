@@ -11,13 +11,14 @@ import pandas as pd
 
 from pipeline.environments import Environment, Scene, flatten, validity
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
 from pipeline.samplers import Sampler
 from pipeline.samplers.choices import Learned, check_sampler, make_sampler
 from pipeline.samplers.compnetx import CompnetxSampler
 from pipeline.schema import Choice
+from pipeline.verification.judge import Judge
+from pipeline.verification.verdict import VerifierParameters
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def run_trials(
     scene = scenes[problems["scene"].iloc[0]]
     robot, constraint = environment.robot(), environment.constraint()
     checker = validity(environment, scene, robot)
-    exact = validity(environment, scene, robot, margin=0.0)
+    judge = Judge(environment.statement(scene), experiment.verifier)
     spaces = {key: make_adherence(choice, constraint, checker) for key, choice in experiment.adherences.items()}
     built: dict[str, tuple[Planner, Sampler]] = {
         key: (method.planner.make(PLANNERS, f"methods.{key}.planner"), make_sampler(method.sampler, learned))
@@ -96,7 +97,7 @@ def run_trials(
                 sampler,
                 adherence,
                 space,
-                exact,
+                judge,
             )
             for _ in planned(problems.iloc[:1]):
                 pass  # the first plan touches everything once; it is measured again below
@@ -113,7 +114,7 @@ def _trials(
     sampler: Sampler,
     adherence: str,
     space: Adherence,
-    exact: Any,
+    judge: Judge,
     problems: pd.DataFrame,
 ) -> Iterator[dict[str, Any]]:
     termination = Termination(time_limit=experiment.time_limit)
@@ -140,7 +141,7 @@ def _trials(
             "min_clearance": np.nan,
         }
         if result.solved:
-            verdict = verify(result.path, start, goal, space.constraint, exact, experiment.verifier)
+            verdict = judge.verify(result.path, start, goal)
             row["solved"], row["rejection"] = verdict.passed, verdict.message
             row["max_violation"] = verdict.max_violation
             row["path_length"] = verdict.length if verdict.passed else np.nan

@@ -9,7 +9,7 @@ from pipeline.manifolds.continuation import AtlasAdherence, TangentBundleAdheren
 from pipeline.manifolds.deadline import Deadline, OutOfTime
 from pipeline.manifolds.polyline import subdivided
 from pipeline.manifolds.projection import ProjectionAdherence
-from pipeline.manifolds.waypoints import dense
+from pipeline.manifolds.waypoints import dense, joined
 from pipeline.robots import Validity
 from pipeline.schema import Choice
 
@@ -53,6 +53,7 @@ __all__ = [
     "TangentBundleAdherence",
     "Traversal",
     "dense",
+    "joined",
     "make_adherence",
     "subdivided",
 ]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline.manifolds.base import Adherence
+from pipeline.manifolds.polyline import brought_back, polyline
 
 
 def dense(space: Adherence, path: np.ndarray, spacing: float) -> np.ndarray:
@@ -19,3 +20,15 @@ def dense(space: Adherence, path: np.ndarray, spacing: float) -> np.ndarray:
     # A way along a limit bends a hair beyond it; a state that clipping would take off the manifold is left out.
     kept = ~between | ((space.constraint.value_batch(inside) ** 2).sum(axis=1) < space.constraint.tolerance**2)
     return np.concatenate([inside[kept], path[-1:]])
+
+
+def joined(space: Adherence, path: np.ndarray) -> np.ndarray:
+    """Return a path (T, n) as a polyline within the tolerance of the manifold: states are moved nearer, some put in.
+
+    For paths of others, whose states are within the tolerance and the lines between them not always. One that cannot be
+    joined is returned as it is.
+    """
+    states, converged = brought_back(space.constraint, path)
+    states = np.clip(states, space.lower, space.upper)
+    line = polyline(space.constraint, states, space.lower, space.upper)
+    return line.states if line.broken is None and converged.all() else path

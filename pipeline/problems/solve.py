@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.evaluation.verifier import Verdict, VerifierParameters, verify
 from pipeline.manifolds import Adherence, make_adherence, subdivided
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
+from pipeline.problems.statement import statement_of
 from pipeline.recording.content import SHORTEST_STEP
 from pipeline.robots.order import revolute
 from pipeline.robots.turning import TURN
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
+from pipeline.verification.judge import Judge
+from pipeline.verification.verdict import Verdict
 
-_FINER = 5.0  # the verifier's states lie this much closer than those planning checks along the path it finds
 _HINTS = 100  # random configurations looked at for pairs in contact
 _ROUNDED = 1e-6  # relative error of what files give of a step
 _LEAST = 1e-3  # [s] given to a search when the time is over: it ends by itself
@@ -32,7 +33,7 @@ class Solution:
         file: the problem.
         built: what was made of it.
         plan: the planner's result.
-        verdict: of the verifier, for `path`; None without a path.
+        verdict: of the verifier, for `path` or, where it is empty, for the last that was found; None without any.
         path: (T, n) on the manifold, `spacing` apart; empty unless verified.
         times: of its states (T,) [s], within the joint velocity limits.
         raw_length: before shortcuts [rad or m].
@@ -65,6 +66,7 @@ class Solution:
     def summary(self) -> dict[str, Any]:
         """Return the result as plain data."""
         verdict = self.verdict
+        said = [verdict.note] if verdict is not None and verdict.note else []
         hints = {} if self.solved else {"often_in_contact": often_in_contact(self.built)}
         clearance = self.built.exact.least_clearance(self.path)
         deepest = self.built.exact.deepest_contact(self.path)
@@ -83,9 +85,11 @@ class Solution:
             "deepest_contact": None if deepest is None else [deepest.first, deepest.second],
             "surfaces": list(self.built.exact.surfaces),
             "states_checked": verdict.states_checked if verdict is not None else 0,
+            "chords_proven": verdict.chords_proven if verdict is not None else 0,
+            "chords_sampled": verdict.chords_sampled if verdict is not None else 0,
             "starts": len(self.built.starts),
             "goals": len(self.built.goals),
-            "notes": [*self.built.notes, *turned(self.path, self.built)],
+            "notes": [*self.built.notes, *turned(self.path, self.built), *said],
             "robot": self.built.robot.name,
             "joints": list(self.built.robot.joint_names),
             "constraint": self.built.constraint.name,
@@ -112,25 +116,26 @@ def solve(file: ProblemFile) -> Solution:
     begin = time.perf_counter()
     built = build(file)
     space = make_adherence(adherence, built.constraint, built.validity)
-    step = (space.parameters.refinement or space.parameters.resolution) / _FINER
+    judge = Judge(statement_of(file, built.starts[0]))
     setup, begin = time.perf_counter() - begin, time.perf_counter()
     end = begin + file.time_limit
     starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
     problem = Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
+    verdict: Verdict | None = None
     for attempt in count():
         left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
         plan = planner.plan(problem, sampler, left, file.seed + attempt)
         if not plan.solved:
-            return Solution(file, built, plan, None, plan.path, np.empty(0), 0.0, setup, time.perf_counter() - begin)
+            break
         shorter = shortcut(space, plan.path, np.random.default_rng([file.seed, 2]), file.shortcuts, end)
         for candidate in (shorter, plan.path):
             path = subdivided(candidate, file.spacing)
-            verdict = check(path, built, space, file.spacing, step)
+            verdict = check(path, built, judge)
             if verdict.passed:
                 break
-        if verdict.passed or time.perf_counter() > end:
+        if (verdict is not None and verdict.passed) or time.perf_counter() > end:
             break
-    if not verdict.passed:
+    if verdict is None or not verdict.passed:
         path = np.empty((0, space.dimension))
     times, seconds = timestamps(path, built, file.speed), time.perf_counter() - begin
     return Solution(file, built, plan, verdict, path, times, path_length(plan.path), setup, seconds)
@@ -154,15 +159,14 @@ def often_in_contact(built: Built) -> dict[str, float]:
     return {pair: times / _HINTS for pair, times in pairs.most_common() if times > _HINTS / 10}
 
 
-def check(path: np.ndarray, built: Built, space: Adherence, spacing: float, step: float) -> Verdict:
-    """Return the verifier's verdict, at a step, on a path (T, n) between the start and goal it is nearest to."""
+def check(path: np.ndarray, built: Built, judge: Judge) -> Verdict:
+    """Return the verifier's verdict on a path (T, n) between the start and goal it is nearest to."""
     turns = built.robot.turns
     start, goal = (
         ends[int(np.argmin(np.linalg.norm(ends - q if turns is None else turns.wrapped(ends - q), axis=1)))]
         for ends, q in ((built.starts, path[0]), (built.goals, path[-1]))
     )
-    leap = max(2.0 * spacing, space.parameters.leap * space.parameters.step)
-    return verify(path, start, goal, built.constraint, built.exact, VerifierParameters(step=step, leap=leap))
+    return judge.verify(path, start, goal)
 
 
 def turned(path: np.ndarray, built: Built) -> list[str]:

@@ -5,10 +5,11 @@ import pinocchio as pin
 import pytest
 
 from pipeline.environments.families import KINDS, make_family
-from pipeline.environments.task import Joined, Level, OnPlane, OnTorus, Pinned, Task, two_ends
+from pipeline.environments.task import Task, two_ends
 from pipeline.errors import ConfigError
 from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
 from pipeline.robots import Shape
+from pipeline.verification.statement import Joined, Level, OnPlane, OnTorus, Pinned
 from tests.robots.named import named
 from tests.robots.test_arms_validity import plain
 from tests.robots.worlds import differences

@@ -6,11 +6,12 @@ import pytest
 from omegaconf import OmegaConf
 
 from pipeline.config import compose, load
-from pipeline.environments import ENVIRONMENTS, Scene, SphereEnvironment, Split, unflatten, validity
-from pipeline.environments.oracle import Oracle, demonstrate, shards
+from pipeline.environments import ENVIRONMENTS, Scene, SphereEnvironment, Split, unflatten
+from pipeline.environments.oracle import UNVERIFIED, Oracle, demonstrate, shards
 from pipeline.errors import ConfigError
-from pipeline.evaluation import verify
+from pipeline.robots import Validity
 from pipeline.schema import Choice
+from pipeline.verification.judge import Judge
 
 
 def published(**changes) -> Oracle:
@@ -42,15 +43,30 @@ def paths(environment, scene, problems) -> pd.DataFrame:
 def test_demonstrations_are_sound(environment, scene, problems, paths):
     """Every path leads from start to goal and passes the verifier; shortcuts make none longer and most shorter."""
     assert paths["solved"].all() and set(paths["status"]) == {"solved"}
-    exact = validity(environment, scene, environment.robot(), margin=0.0)
+    judge = Judge(environment.statement(scene))
     for problem, row in zip(problems.itertuples(), paths.itertuples(), strict=True):
         path = unflatten(pd.Series(row._asdict()))
-        verdict = verify(path, problem.start, problem.goal, environment.constraint(), exact)
+        verdict = judge.verify(path, problem.start, problem.goal)
         assert verdict.passed, verdict.message
         assert row.length == pytest.approx(verdict.length, rel=1e-12)
         assert row.length <= row.raw_length
         assert (row.scenario, row.scene, row.split, row.problem) == ("blocks", scene.name, "train", problem.problem)
     assert paths["length"].median() < 0.95 * paths["raw_length"].median()
+
+
+def test_refused_paths_are_no_demonstrations(environment, scene, problems, monkeypatch):
+    """With a planner whose checker passes everything, paths that the verifier refuses are counted and left out."""
+    monkeypatch.setattr(Validity, "free", lambda self, q: True)
+    monkeypatch.setattr(Validity, "all_free", lambda self, Q, *rest: True)
+    blind = published(adherence={"kind": "projection", "parameters": {"proof": False}}, shortcuts=0)
+    found = demonstrate(blind, environment, {scene.name: scene}, problems)
+    refused = found[found["status"] == UNVERIFIED]
+    assert len(refused) and not refused["solved"].any() and (refused["waypoints"] == 0).all()
+    assert refused["message"].str.contains("contact").all() and refused["length"].isna().all()
+    judge = Judge(environment.statement(scene))
+    for problem, row in zip(problems.itertuples(), found.itertuples(), strict=True):
+        if row.solved:
+            assert judge.verify(unflatten(pd.Series(row._asdict())), problem.start, problem.goal).passed
 
 
 def test_demonstrations_repeat(environment, scene, problems, paths):

@@ -17,10 +17,10 @@ from pipeline.environments.torus import (
     torus_constraint,
 )
 from pipeline.errors import ConfigError, ConstraintError, ProblemError
-from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
 from pipeline.planners import DynamicDomainRrtConnect, Problem, Termination
 from pipeline.samplers import UniformSampler
+from pipeline.verification.judge import Judge
 from tests.robots.worlds import ball, differences
 
 
@@ -138,8 +138,7 @@ def test_plans_follow_the_corridors(seed):
     asked = Problem(space, task.start, task.goal)
     result = planner.plan(asked, UniformSampler(), Termination(max_iterations=100_000), seed)
     assert result.solved
-    bounds = VerifierParameters(step=0.001, leap=0.2)
-    verdict = verify(result.path, task.start, task.goal, task.constraint, task.validity(), bounds)
+    verdict = Judge(task.statement()).verify(result.path, task.start, task.goal)
     assert verdict.passed, verdict.message
     far = flooded(task.maze.walls, task.maze.pixel(task.start))[task.maze.pixel(task.goal)]
     assert verdict.length > 0.5 * far * task.maze.pixel_size

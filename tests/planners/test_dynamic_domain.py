@@ -5,12 +5,12 @@ import pytest
 
 from pipeline.environments.torus import Mazes
 from pipeline.errors import ConfigError
-from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import make_adherence
 from pipeline.planners import DynamicDomainRrtConnect, PlanStatus, Problem, RrtConnect, Termination
 from pipeline.planners.dynamic_domain import _Domains
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
+from pipeline.verification.judge import Judge
 
 
 def test_domains_learn():
@@ -40,8 +40,8 @@ def asked(rows: int, columns: int, seed: int, method: str = "projection") -> Pro
 
 def verified(rows: int, columns: int, seed: int, path: np.ndarray) -> bool:
     """The verdict on a path through a maze of `asked`."""
-    task, bounds = Mazes(rows, columns).task(5, seed), VerifierParameters(step=0.002, leap=0.3)
-    return verify(path, task.start, task.goal, task.constraint, task.validity(), bounds).passed
+    task = Mazes(rows, columns).task(5, seed)
+    return Judge(task.statement()).verify(path, task.start, task.goal).passed
 
 
 def test_fewer_walks_than_without():

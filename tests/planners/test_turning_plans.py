@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pipeline.constraints import Constraint, plane, turns_on
-from pipeline.evaluation.verifier import VerifierParameters, verify
 from pipeline.manifolds import Adherence
 from pipeline.planners import (
     DynamicDomainRrtConnect,
@@ -24,21 +23,31 @@ from pipeline.planners.ompl_adapter import OmplPlanner
 from pipeline.robots import Obstacle, Shape, UrdfRobot, Validity
 from pipeline.robots.turning import TURN
 from pipeline.samplers import UniformSampler
+from pipeline.verification.judge import Judge
+from pipeline.verification.statement import OnPlane, Saying, Statement
 from tests.manifolds.spaces import METHODS, make
 from tests.planners.scenes import PLANNERS
 from tests.robots.crane import CRANE
-from tests.robots.named import named
+from tests.robots.named import named, settings
 
 POST = Obstacle(Shape.BOX, (-0.75, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), (0.1, 0.1, 0.4), name="post")
 SEARCHES = {**PLANNERS, "fmt": FmtStar(samples=150), "dynamic domain": DynamicDomainRrtConnect()}
 KINDS = list(product(SEARCHES, METHODS))
 
 
-def crane(folder: Path, method: str, obstacles: tuple[Obstacle, ...] = (), **settings) -> Adherence:
-    """The crane on the plane of its base, by an adherence method."""
+ON_BASE = OnPlane("tip", (0.0, 0.0, 1.0), 0.0)
+
+
+def described(folder: Path, **settings) -> UrdfRobot:
+    """What the crane is made of."""
     file = folder / "crane.urdf"
     file.write_text(CRANE)
-    robot = UrdfRobot(str(file), ("first", "second", "lift"), "tip", "crane", **settings).robot()
+    return UrdfRobot(str(file), ("first", "second", "lift"), "tip", "crane", **settings)
+
+
+def crane(folder: Path, method: str, obstacles: tuple[Obstacle, ...] = (), **settings) -> Adherence:
+    """The crane on the plane of its base, by an adherence method."""
+    robot = described(folder, **settings).robot()
     return make(method, plane(robot, "tip", (0, 0, 0)), Validity(robot, obstacles, 0.005))
 
 
@@ -47,13 +56,15 @@ def planned(space: Adherence, kind: str, start: np.ndarray, goal: np.ndarray, se
     return SEARCHES[kind].plan(Problem(space, start, goal), UniformSampler(), Termination(max_iterations=5000), seed)
 
 
-def assert_sound(space: Adherence, path: np.ndarray, start: np.ndarray, goal: np.ndarray) -> None:
+def assert_sound(
+    space: Adherence, robot: UrdfRobot, path: np.ndarray, start: np.ndarray, goal: np.ndarray, says: Saying = ON_BASE
+) -> None:
     """Verified from start to goal, continuous, and at the goal but for whole turns."""
     assert np.abs(np.diff(path, axis=0)).max() < 0.2
     away = (path[-1] - goal) / TURN
     np.testing.assert_allclose(away, np.rint(away), atol=1e-9)
-    exact = Validity(space.validity.robot, space.validity.obstacles)
-    verdict = verify(path, start, goal, space.constraint, exact, VerifierParameters(leap=0.2))
+    judge = Judge(Statement(robot, (says,), space.constraint.tolerance, tuple(space.validity.obstacles)))
+    verdict = judge.verify(path, start, goal)
     assert verdict.passed, verdict.message
 
 
@@ -64,7 +75,7 @@ def test_across_half_a_turn(kind, method, tmp_path):
     for one, other in ((0, 0), (0, 1), (-1, 0), (2, -3)):
         start, goal = np.array([3.1 + one * TURN, 0.0, 0.0]), np.array([-3.1 + other * TURN, 0.0, 0.0])
         path = planned(space, kind, start, goal).path
-        assert_sound(space, path, start, goal)
+        assert_sound(space, described(tmp_path), path, start, goal)
         assert kind != "fmt" or path_length(path) == pytest.approx(TURN - 6.2, abs=1e-9)
         assert path_length(shortcut(space, path, np.random.default_rng(0), 200)) < 2 * (TURN - 6.2)
 
@@ -75,11 +86,11 @@ def test_the_same_plan_a_turn_later(kind, method, tmp_path):
     space = crane(tmp_path, method, (POST,))
     start, goal = np.array([2.6, 0.3, 0.0]), np.array([-2.5, -0.8, 0.0])
     first = planned(space, kind, start, goal).path
-    assert_sound(space, first, start, goal)
+    assert_sound(space, described(tmp_path), first, start, goal)
     for one, other in ((1, 0), (0, -2), (-1, 1)):
         moved, there = start + TURN * one * np.array([1, 0, 0]), goal + TURN * other * np.array([1, -1, 0])
         path = planned(space, kind, moved, there).path
-        assert_sound(space, path, moved, there)
+        assert_sound(space, described(tmp_path), path, moved, there)
         assert path_length(path) == pytest.approx(path_length(first), abs=1e-6)
 
 
@@ -91,9 +102,9 @@ def test_all_sides_of_the_circle(kind, method, tmp_path):
     for seed, (start, goal) in enumerate(pairwise(ends[:6])):
         result = planned(space, kind, start, goal, seed)
         assert result.solved
-        assert_sound(space, result.path, start, goal)
+        assert_sound(space, described(tmp_path), result.path, start, goal)
         shorter = shortcut(space, result.path, rng, 60)
-        assert_sound(space, shorter, start, goal)
+        assert_sound(space, described(tmp_path), shorter, start, goal)
         assert path_length(shorter) <= path_length(result.path) + 1e-9
 
 
@@ -180,5 +191,6 @@ def test_an_arm_of_continuous_joints(kind):
     result = planner.plan(Problem(space, q, goal), UniformSampler(), Termination(max_iterations=2000), 0)
     assert result.solved
     path = shortcut(space, result.path, np.random.default_rng(0), 100)
-    assert_sound(space, path, q, goal)
+    level = OnPlane(robot.tool, (0.0, 0.0, 1.0), float(robot.pose(q, robot.tool).translation[2]))
+    assert_sound(space, settings("kinova"), path, q, goal, level)
     assert (np.abs(path - q)[:, [0, 3, 5]] < np.pi).all()

@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 
 from pipeline.environments import Band, SphereEnvironment, Split, flatten
-from pipeline.evaluation import VerifierParameters
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_json
 from pipeline.provenance import commit, planning_versions
 from pipeline.recording import foxglove_layout, read_recording
 from pipeline.recording.trials import record_trials
 from pipeline.schema import Choice
+from pipeline.verification.verdict import VerifierParameters
 from tests.robots.worlds import on_sphere
 
 ENVIRONMENT = SphereEnvironment(blocks=5, bands=(Band(-0.1, 0.1, "x", -1),))

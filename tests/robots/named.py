@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from pipeline.robots import ROBOTS, Robot
+from pipeline.robots import ROBOTS, Robot, UrdfRobot
 from pipeline.schema import Choice
 
 FOLDER = Path(__file__).parents[2] / "conf" / "robot"
@@ -14,9 +14,15 @@ ROBOT_NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 @cache
+def settings(name: str) -> UrdfRobot:
+    """What a file in conf/robot says of a robot."""
+    return Choice(**yaml.safe_load((FOLDER / f"{name}.yaml").read_text())).make(ROBOTS, "robot")
+
+
+@cache
 def named(name: str) -> Robot:
     """The robot of a file in conf/robot."""
-    return Choice(**yaml.safe_load((FOLDER / f"{name}.yaml").read_text())).make(ROBOTS, "robot").robot()
+    return settings(name).robot()
 
 
 def configurations(robot: Robot, rng: np.random.Generator, count: int) -> np.ndarray:

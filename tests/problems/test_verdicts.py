@@ -1,0 +1,92 @@
+"""A path counts when the verifier passes it: refused ones are searched for again, for as long as there is time."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.problems import parts, read_problem, solve
+from pipeline.problems.build import build
+from pipeline.problems.statement import statement_of
+from pipeline.verification.judge import Judge
+from pipeline.verification.verdict import Failure, Verdict
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+REFUSED = Verdict(Failure.COLLISION, 0, "the judge is in a bad mood", 0.0, None, 1.0, 1)
+
+
+@pytest.fixture
+def moody(monkeypatch):
+    """A judge that refuses the first paths, and lists all that it is asked."""
+    honest, asked = Judge.verify, []
+
+    def verify(self: Judge, path: np.ndarray, start: np.ndarray, goal: np.ndarray) -> Verdict:
+        asked.append(path)
+        return honest(self, path, start, goal) if len(asked) > verify.refused else REFUSED
+
+    verify.refused = 0
+    monkeypatch.setattr(Judge, "verify", verify)
+    return verify, asked
+
+
+def test_refused_paths_are_searched_for_again(moody):
+    """After three searches whose paths the verifier refuses, shortened or not, a fourth with its own seed counts."""
+    verify, asked = moody
+    verify.refused = 6
+    found = solve(read_problem(EXAMPLES / "upright_panda.yaml", time_limit=60.0, seed=3))
+    assert found.solved and len(asked) == 7 and found.plan.seed == 3 + 3
+    assert len({path.tobytes() for path in asked}) > 3
+
+
+def test_time_limit_is_used_before_giving_up(moody):
+    """A verifier that refuses everything is asked until the time limit; then the result says why, without a path."""
+    verify, asked = moody
+    verify.refused = 10**9
+    begin = time.perf_counter()
+    found = solve(read_problem(EXAMPLES / "upright_panda.yaml", time_limit=2.0))
+    assert found.seconds >= 1.9 and time.perf_counter() - begin < 60 and len(asked) > 3
+    assert found.status == "refused: the judge is in a bad mood" and not len(found.path) and not found.solved
+    assert found.summary()["chords_proven"] == 0
+
+
+def test_mistakes_of_planning_are_refused(monkeypatch):
+    """Where planning keeps a frame 5 mm above what is asked, by its own rows soundly, nothing counts as solved."""
+    right = parts.height
+    monkeypatch.setattr(parts, "height", lambda robot, frame, value: right(robot, frame, value + 0.005))
+    found = solve(read_problem(EXAMPLES / "height_panda.yaml", time_limit=2.0))
+    assert not found.solved and "off the manifold: ||F|| = 0.00" in found.status
+
+
+def test_every_seed_of_a_six_joint_door_is_solved(tmp_path):
+    """A door with as many joints as it needs is opened whatever the seed: limits hold where they are written."""
+    ur5 = yaml.safe_load((EXAMPLES / "own_robot_ur5.yaml").read_text())["robot"]
+    hinge = {"x": 0, "y": 0, "z": 0, "roll": 0, "pitch": 0, "yaw": [-1.2, 0], "origin": {"xyz": [0.75, 0.35, 0.45]}}
+    handle = {"x": 0, "y": 0, "z": 0, "roll": 0, "pitch": [-0.5, 0.5], "yaw": 0}
+    handle |= {"origin": {"xyz": [-0.06, -0.4, 0.0]}, "offset": {"rpy": [0.0, np.pi / 2, 0.0]}}
+    door = {"robot": ur5, "chain": {"name": "door", "regions": [hinge, handle]}}
+    door |= {"start": {"values": {"door_0_yaw": 0.0}}, "goal": {"values": {"door_0_yaw": -0.9}}}
+    (tmp_path / "door.yaml").write_text(yaml.safe_dump(door))
+    for seed in range(8):
+        found = solve(read_problem(tmp_path / "door.yaml", seed=seed))
+        assert found.solved, (seed, found.status)
+
+
+def test_what_is_sampled_is_said():
+    """Every chord of a result is proven or sampled, and the result has both numbers and a note where one is sampled."""
+    found = solve(read_problem(EXAMPLES / "door_panda.yaml", time_limit=30.0))
+    summary = found.summary()
+    assert summary["chords_proven"] + summary["chords_sampled"] == summary["states"] - 1
+    assert bool(summary["chords_sampled"]) == any("sampled" in note for note in summary["notes"])
+
+
+def test_parts_of_the_path_pass_as_the_whole():
+    """A solved path passes again, backwards and cut into its halves, each between its own ends."""
+    file = read_problem(EXAMPLES / "tray_baxter.yaml", time_limit=60.0)
+    found = solve(file)
+    judge = Judge(statement_of(file, found.built.starts[0]))
+    middle = len(found.path) // 2
+    for part in (found.path, found.path[::-1], found.path[: middle + 1], found.path[middle:]):
+        assert judge.verify(part, part[0], part[-1]).passed
+    assert build(file).robot.joint_names == judge.kinematics.names
