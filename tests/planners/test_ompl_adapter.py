@@ -3,6 +3,7 @@
 import hashlib
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import casadi as ca
@@ -11,7 +12,7 @@ import pytest
 
 from pipeline.constraints import Constraint, sphere_constraint
 from pipeline.errors import ConfigError, ProblemError
-from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
+from pipeline.manifolds import AdherenceParameters, ProjectionAdherence, joined
 from pipeline.planners import Planner, PlanStatus, Problem, Termination, path_length
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner, available_planners
 from pipeline.robots import Obstacle, Shape, Validity, point_robot
@@ -299,3 +300,15 @@ def test_many_plans_are_silent_repeatable_and_leak_nothing():
         outputs.append(digest)
     assert outputs[0] == outputs[1]
     assert len(outputs[0]) == len(hashlib.sha256(b"").hexdigest())
+
+
+def test_joined_paths_are_polylines_on_the_manifold():
+    """A path of OMPL, joined, has all chords within the tolerance and the same ends, and is near what it was."""
+    scene = problem(wall())
+    found = planner().plan(scene, Termination(time_limit=20), seed=1).path
+    path = joined(scene.adherence, found)
+    shares = np.linspace(0, 1, 50)[:, None]
+    chords = np.concatenate([a + shares * (b - a) for a, b in pairwise(path)])
+    assert np.abs(np.linalg.norm(chords, axis=1) - 1).max() < 1e-3
+    assert np.array_equal(path[[0, -1]], found[[0, -1]])
+    assert np.linalg.norm(chords[:, None] - found[None], axis=2).min(axis=0).max() < 2e-3
