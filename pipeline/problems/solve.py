@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.errors import ProblemError
 from pipeline.manifolds import Adherence, make_adherence, subdivided
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
@@ -117,10 +118,11 @@ def solve(file: ProblemFile) -> Solution:
     built = build(file)
     space = make_adherence(adherence, built.constraint, built.validity)
     judge = Judge(statement_of(file, built.starts[0]))
+    starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
+    _problem(space, starts, goals).check()
+    problem = _problem(space, _sound(judge, starts, "start"), _sound(judge, goals, "goal"))
     setup, begin = time.perf_counter() - begin, time.perf_counter()
     end = begin + file.time_limit
-    starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
-    problem = Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
     verdict: Verdict | None = None
     for attempt in count():
         left = Termination(time_limit=max(end - time.perf_counter(), _LEAST))
@@ -139,6 +141,23 @@ def solve(file: ProblemFile) -> Solution:
         path = np.empty((0, space.dimension))
     times, seconds = timestamps(path, built, file.speed), time.perf_counter() - begin
     return Solution(file, built, plan, verdict, path, times, path_length(plan.path), setup, seconds)
+
+
+def _problem(space: Adherence, starts: np.ndarray, goals: np.ndarray) -> Problem:
+    return Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
+
+
+def _sound(judge: Judge, ends: np.ndarray, name: str) -> np.ndarray:
+    """Return those of several starts or goals (S, n) that the verifier passes: no search can mend the others.
+
+    Raises:
+        ProblemError: it passes none; the message says why it refuses the first.
+    """
+    verdicts = [judge.verify(q[None], q, q) for q in ends]
+    passed = [verdict.passed for verdict in verdicts]
+    if not any(passed):
+        raise ProblemError(f"{name}: the verifier refuses it: {verdicts[0].message}")
+    return ends[passed]
 
 
 def _allowed(space: Adherence, ends: np.ndarray) -> np.ndarray:
