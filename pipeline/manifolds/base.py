@@ -172,7 +172,7 @@ class Adherence(ABC):
         self.turns = turns_on(constraint, validity.robot)
         self.counters = Counters()
         # Steps on a curved manifold are not quite gamma long; longer chords than this are checked at all their points.
-        self._vouched = 1.1 * parameters.step
+        self._covered_length = 1.1 * parameters.step
         pieces = int(np.ceil(parameters.step / parameters.resolution - 1e-9))
         # Halves before quarters: a chord that cuts a corner is deepest in its middle.
         self._shares = sorted((i / pieces for i in range(1, pieces)), key=lambda share: abs(share - 0.5))
@@ -204,7 +204,7 @@ class Adherence(ABC):
         self.validity = validity
         # A condition holds where it holds: no margin says so of the surroundings.
         useful = travel is not None and len(self._shares) > 0 and not validity.conditions
-        self._wide = validity.widened((travel or 0.0) * self._vouched / 2) if useful else None
+        self._wide = validity.widened((travel or 0.0) * self._covered_length / 2) if useful else None
         if self.parameters.proof and (self._proof is None or self._proof.validity is not validity):
             self._proof = ChordProof(validity, *self._motion)
             self._proof.prepare()
@@ -386,7 +386,7 @@ class Adherence(ABC):
         return Traversal(np.array(reached) if reached else np.empty((0, self.dimension)), stop)
 
     def _finish(
-        self, reached: list[np.ndarray], q_from: np.ndarray, q_to: np.ndarray, vouches: bool, land: bool
+        self, reached: list[np.ndarray], q_from: np.ndarray, q_to: np.ndarray, covered: bool, land: bool
     ) -> Traversal:
         """Within a step of the target: take it, if it and the way to it are free, unless the walk is not to land."""
         if not land:
@@ -394,29 +394,29 @@ class Adherence(ABC):
         last = reached[-1] if reached else q_from
         offset = q_to - last
         chord = [q_to, *(last + share * offset for share in self._shares)]
-        if not self._passable(chord, length(offset), vouches)[0]:
+        if not self._passable(chord, length(offset), covered)[0]:
             return self._ended(reached, Stop.COLLISION)
         reached.append(np.array(q_to, float))
         return self._ended(reached, Stop.REACHED)
 
-    def _passable(self, chord: Sequence[np.ndarray] | np.ndarray, distance: float, vouches: bool) -> tuple[bool, bool]:
-        """Tell whether a chord (see `_chord`) of this length is free, and whether its end vouches for its surroundings.
+    def _passable(self, chord: Sequence[np.ndarray] | np.ndarray, distance: float, covered: bool) -> tuple[bool, bool]:
+        """Tell whether a chord (see `_chord`) of this length is free, and whether its end covers its surroundings.
 
-        A configuration that keeps half a chord's travel more than the margin vouches for the halves next to it: their
-        points need no check. `vouches` says so of the configuration where the chord begins.
+        A configuration that keeps half a chord's travel more than the margin covers the halves next to it: their points
+        need no check. `covered` says so of the configuration where the chord begins.
         """
         free, wide = self.validity.free, self._wide
-        if not self._shares:  # a check a step: nothing in between to vouch for
+        if not self._shares:  # a check a step: nothing in between to cover
             return free(chord[0]), False
-        vouched = wide is not None and wide.free(chord[0])
-        if not vouched and not free(chord[0]):
+        covers = wide is not None and wide.free(chord[0])
+        if not covers and not free(chord[0]):
             return False, False
-        short = distance <= self._vouched
-        if not (vouched and short) and not all(free(chord[row]) for row in self._far):
+        short = distance <= self._covered_length
+        if not (covers and short) and not all(free(chord[row]) for row in self._far):
             return False, False
-        if not (vouches and short) and not all(free(chord[row]) for row in self._near):
+        if not (covered and short) and not all(free(chord[row]) for row in self._near):
             return False, False
-        return True, vouched
+        return True, covers
 
     def _chord(self, q: ca.SX, following: ca.SX) -> list[ca.SX]:
         """Expressions of the points to check between two states, and the second state, as columns: worst first."""

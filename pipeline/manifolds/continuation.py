@@ -80,12 +80,12 @@ class ContinuationAdherence(Adherence):
             return self._ended(reached, Stop.NO_CHART)
         q, q_to = q_from, q_to = self.atlas.seen(chart, q_from, q_to)
         u, target = chart.log(q), chart.log(q_to)
-        way, longest, vouches = 0.0, parameters.wander * straight, False
+        way, longest, covered = 0.0, parameters.wander * straight, False
         while True:
             self.deadline.look()
             if length(target - u) <= parameters.step:  # line 7, right at the beginning of a chart
                 near = length(q_to - q) <= parameters.leap * parameters.step
-                return self._finish(reached, q_from, q_to, vouches, land) if near else self._ended(reached, Stop.FOLDED)
+                return self._finish(reached, q_from, q_to, covered, land) if near else self._ended(reached, Stop.FOLDED)
             flat, coordinates, codes, ways, gaps = self._edge(
                 chart.origin, chart.tangent.T, chart.normal.T, u, q, q_to, target, way, longest
             )
@@ -106,17 +106,17 @@ class ContinuationAdherence(Adherence):
                     if (lifted < self.lower).any() or (lifted > self.upper).any():
                         return self._ended(reached, Stop.OUT_OF_BOUNDS)
                     chord[0] = lifted
-                    vouches, distance = False, np.inf  # the chord was computed to where it was before
-                passable, vouches = self._passable(chord, distance, vouches)
+                    covered, distance = False, np.inf  # the chord was computed to where it was before
+                passable, covered = self._passable(chord, distance, covered)
                 if not passable:
                     return self._ended(reached, Stop.COLLISION)
                 reached.append(chord[0])
                 if to_target[i] <= parameters.step:
-                    return self._finish(reached, q_from, q_to, vouches, land)
+                    return self._finish(reached, q_from, q_to, covered, land)
                 if code == Stop.ARRIVED.value and not leaves:  # over the target in the chart, or on another fold
                     near = to_target[i] <= parameters.leap * parameters.step
                     return (
-                        self._finish(reached, q_from, q_to, vouches, land)
+                        self._finish(reached, q_from, q_to, covered, land)
                         if near
                         else self._ended(reached, Stop.FOLDED)
                     )

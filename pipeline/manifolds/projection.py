@@ -62,7 +62,7 @@ class ProjectionAdherence(Adherence):
         limit = min(self.parameters.max_steps, max_states or self.parameters.max_steps)
         if straight <= self.parameters.step:
             return self._finish(reached, q_from, q_to, False, land)
-        q, way, longest, vouches = q_from, 0.0, self.parameters.wander * straight, False
+        q, way, longest, covered = q_from, 0.0, self.parameters.wander * straight, False
         while True:
             self.deadline.look()
             flat, codes, ways = self._edge(q, q_to, way, longest)
@@ -71,13 +71,13 @@ class ProjectionAdherence(Adherence):
                 self.counters.projections += 1
                 if code and code != Stop.ARRIVED.value:
                     return self._ended(reached, Stop(int(code)))
-                passable, vouches = self._passable(chord, total - way, vouches)
+                passable, covered = self._passable(chord, total - way, covered)
                 if not passable:
                     return self._ended(reached, Stop.COLLISION)
                 way = total
                 reached.append(chord[0])
                 if code:
-                    return self._finish(reached, q_from, q_to, vouches, land)
+                    return self._finish(reached, q_from, q_to, covered, land)
                 if len(reached) >= limit:
                     return self._ended(reached, Stop.STEP_LIMIT)
             q = chords[-1, 0]

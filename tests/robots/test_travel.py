@@ -127,7 +127,7 @@ def test_travel_of_what_slides_and_turns():
     assert all(named(name).travel is None for name in ROBOT_NAMES)
 
 
-def test_nothing_is_vouched_for_on_a_hinge():
+def test_nothing_is_covered_on_a_hinge():
     """A panel on a hinge beside a sliding point meets a post on its way, however far from the point that is."""
     point = point_robot(0.01, [-3] * 3, [3] * 3)
     free = TaskSpaceRegion((0, 0, 0, -3, -1, -3), (0, 0, 0, 3, 1, 3), Placement((1.0, 0.0, 0.0)))
