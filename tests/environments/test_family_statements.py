@@ -42,7 +42,7 @@ def test_equations_and_limits(name):
     asked = task(name)
     statement = asked.statement(setting(name).description())
     kinematics = read(statement)
-    Q = np.random.default_rng(0).uniform(asked.robot.lower, asked.robot.upper, (30, asked.robot.dimension))
+    Q = np.random.default_rng(0).uniform(*asked.robot.box, (30, asked.robot.dimension))
     theirs = np.linalg.norm(asked.constraint.value_batch(Q), axis=1)
     assert np.abs(np.linalg.norm(Rows(statement, kinematics).values(Q), axis=1) - theirs).max() < 1e-9
     assert np.allclose([kinematics.lower, kinematics.upper], [asked.robot.lower, asked.robot.upper], atol=0, rtol=0)

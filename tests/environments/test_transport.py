@@ -54,5 +54,5 @@ def test_objects_stand_on_something():
 
 def test_unknown_robot():
     """A robot without a station is refused with those that have one."""
-    with pytest.raises(ConfigError, match="panda, baxter_right, not for 'olivia'"):
+    with pytest.raises(ConfigError, match="panda, kinova, baxter_right, not for 'olivia'"):
         UprightTransport(named("olivia"))

@@ -52,7 +52,7 @@ def test_groups_are_a_full_grid():
     trials = make_trials(2, ("blocks",))
     trials = trials[~((trials["method"] == "FMT*") & (trials["adherence"] == "atlas"))]
     sizes = {(method, adherence): len(rows) for method, adherence, rows in groups(trials, "blocks")}
-    assert len(sizes) == 12 and sizes["FMT*", "atlas"] == 0 and sizes["FMT*", "projection"] == 2
+    assert len(sizes) == 15 and sizes["FMT*", "atlas"] == 0 and sizes["FMT*", "projection"] == 2
 
 
 def test_learned_methods_meet_their_classical_counterpart():
@@ -75,7 +75,7 @@ def test_pairs_are_problem_by_problem():
     ]
     joined = pair(pd.DataFrame(rows, columns=columns), "blocks", "atlas", "A", "B")
     assert joined[["planning_time_1", "planning_time_2"]].to_numpy().tolist() == [[1, 10], [2, 20], [3, 30]]
-    assert [side.tolist() for side in both_solved(joined, "planning_time")] == [[1, 3], [10, 30]]
+    assert [side.tolist() for side in both_solved(joined, "planning_time")] == [[1, 3], [10, 30], ["s", "s"]]
 
 
 def test_paths_are_row_major_and_checked():

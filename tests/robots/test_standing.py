@@ -27,6 +27,7 @@ BASES = {
     "olivia": {"base_0"},
     "pholus": set(),
     "ur5": {"base_link_0"},
+    "kinova": {"j2s6s200_link_base_0"},
     "sawyer": {"base_0", "controller_box_0", "pedestal_feet_0", "pedestal_0"},
 }
 
