@@ -4,6 +4,7 @@ from pipeline.constraints.balance import balanced, feet_on_ground
 from pipeline.constraints.base import Constraint, Projection
 from pipeline.constraints.compiled import Compiled, compiled
 from pipeline.constraints.conditions import Condition
+from pipeline.constraints.couplings import following
 from pipeline.constraints.feasibility import feasible
 from pipeline.constraints.poses import closed_chain, height, intersection, line, plane, pose, position, upright
 from pipeline.constraints.regions import Chain, TaskSpaceRegion, chain
@@ -23,6 +24,7 @@ __all__ = [
     "compiled",
     "feasible",
     "feet_on_ground",
+    "following",
     "height",
     "intersection",
     "line",

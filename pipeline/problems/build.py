@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, intersection, turns_on
+from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, following, intersection, turns_on
 from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
 from pipeline.errors import ConfigError, ProblemError, RobotError, told_apart, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
@@ -74,6 +74,7 @@ def build(file: ProblemFile) -> Built:
     begin = _exact(file.start, arm, held, "start") if file.start.exact else None
     made = [part(robot, begin) for part in file.parts()]
     equations = [held.constraint] if held is not None else []
+    equations += [following(robot)] if robot.followers else []
     equations += [part for part in made if isinstance(part, Constraint)]
     conditions = [part for part in made if isinstance(part, Condition)]
     if not equations:
@@ -278,7 +279,11 @@ def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarra
             if joint not in arm.joint_names:
                 raise ProblemError(unknown(f"{name} names a joint that {arm.name!r} lacks:", joint, arm.joint_names))
         rest = np.zeros(arm.dimension) if arm.rest is None else arm.rest
-        q = np.array([where.joints.get(j, r) for j, r in zip(arm.joint_names, rest, strict=True)], float)
+        values = {j: where.joints.get(j, r) for j, r in zip(arm.joint_names, rest.tolist(), strict=True)}
+        for joint, follower in arm.followers.items():
+            if joint not in where.joints:
+                values[joint] = follower.multiplier * values[follower.leader] + follower.offset
+        q = np.array(list(values.values()), float)
     else:
         q = np.array(where.configuration, float)
     sizes = [arm.dimension] + ([held.robot.dimension] if held is not None else [])

@@ -20,9 +20,9 @@ from pipeline.problems.parts import (
     UprightPart,
 )
 from pipeline.problems.region import Region as RegionFile
-from pipeline.robots import Placement
+from pipeline.robots import Placement, UrdfRobot
 from pipeline.verification.kinematics import Kinematics, Place
-from pipeline.verification.reader import read, resting
+from pipeline.verification.reader import led, read, resting
 from pipeline.verification.statement import (
     Balanced,
     Carried,
@@ -68,7 +68,7 @@ def statement_of(file: ProblemFile, start: np.ndarray) -> Statement:
     begin: np.ndarray | None = None
     if file.start.exact:
         begin = np.array(start, float)
-        given = _given(file, resting(settings), kinematics.names)
+        given = _given(file, settings, kinematics.names)
         begin[: len(given)] = given
     said = [said for part in file.parts() for said in _said(part, tool, _Start(kinematics, begin))]
     return Statement(
@@ -139,12 +139,12 @@ def _said(part: Any, tool: str, at_start: _Start) -> list[Saying | Term]:
     raise ConfigError(f"the verifier does not know what a {type(part).__name__} says")
 
 
-def _given(file: ProblemFile, rest: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Return the values that the start says (m,), those of the arm or of all variables; others rest."""
+def _given(file: ProblemFile, settings: UrdfRobot, names: tuple[str, ...]) -> np.ndarray:
+    """Return the values that the start says (m,), those of the arm or of all variables; others rest, or follow."""
     if file.start.configuration is not None:
         return np.array(file.start.configuration, float)
-    joints = file.start.joints or {}
-    return np.array([joints.get(name, value) for name, value in zip(names, rest, strict=False)], float)
+    joints, rest = file.start.joints or {}, resting(settings)
+    return led(np.array([joints.get(n, value) for n, value in zip(names, rest, strict=False)], float), settings, joints)
 
 
 def _region(region: RegionFile) -> Region:

@@ -1,4 +1,4 @@
-"""Joints that mimic others, directly or through further ones: they stand where their leader puts them."""
+"""Joints that mimic others, directly or through further ones: they stand, or move, where their leader puts them."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -65,6 +65,15 @@ def leaders(name: str, followers: Mapping[str, Follower]) -> list[str]:
         name = followers[name].leader
         found.append(name)
     return found
+
+
+def through(name: str, followers: Mapping[str, Follower]) -> Follower:
+    """Return how a joint follows the one at the end of its leaders, which follows none."""
+    own = followers[name]
+    if own.leader not in followers:
+        return own
+    there = through(own.leader, followers)
+    return Follower(there.leader, own.multiplier * there.multiplier, own.multiplier * there.offset + own.offset)
 
 
 def followed(name: str, followers: Mapping[str, Follower], standing: Mapping[str, float]) -> float:

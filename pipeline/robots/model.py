@@ -11,6 +11,7 @@ import pinocchio as pin
 from pipeline.errors import RobotError, unknown
 from pipeline.robots import travel
 from pipeline.robots.bodies import body_of
+from pipeline.robots.mimic import Follower
 from pipeline.robots.shapes import BodyShape
 from pipeline.robots.symbolic import Pose, constant, joint_pose
 from pipeline.robots.turning import Turning
@@ -44,6 +45,7 @@ class Robot:
     tool: str = ""
     base: frozenset[str] = frozenset()
     touching: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     turning: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:

@@ -19,11 +19,12 @@ from pipeline.robots.description import (
     read_urdf,
     resolve,
 )
-from pipeline.robots.mimic import Follower, followed, leaders, take_followers
+from pipeline.robots.mimic import Follower, followed, leaders, take_followers, through
 from pipeline.robots.model import Robot
 from pipeline.robots.order import in_order
 from pipeline.robots.semantics import check_semantics
 
+_ROOM = 0.01  # of a follower beyond what its leader leaves it: its equation is met within a tolerance [rad or m]
 _SLACK = 1e-6  # a named state may be rounded a little past a limit [rad or m]
 
 
@@ -33,7 +34,9 @@ class UrdfRobot:
 
     Attributes:
         urdf: path, or `package://name/rest` (see `description.resolve`).
-        joints: of the planning group, in the order of configurations. None may mimic another, or be mimicked.
+        joints: of the planning group, in the order of configurations. One that mimics another follows it by an equation
+            of its own, whatever its own limits are; the joint it follows must be in the group as well, and so must all
+            that follow a joint of the group.
         tool: frame that constraints and goals speak of.
         name: how reports call it.
         srdf: path or `package://`; empty without one.
@@ -78,7 +81,8 @@ class UrdfRobot:
         Raises:
             RobotError: a file that is missing or malformed; a joint, frame, link or state that does not exist (the
                 message names those there are); a value outside its joint's limits; limits that are not finite or leave
-                a joint of the group no range; a joint in the group that mimics another or is mimicked.
+                a joint of the group no range; a joint in the group whose leader is not in it, or a leader in the group
+                whose followers are not.
         """
         path = resolve(self.urdf, self.package_dirs)
         root = read_urdf(path, self.package_dirs)
@@ -109,6 +113,8 @@ class UrdfRobot:
             geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
         except Exception as error:  # what pinocchio's and assimp's C++ throw has no common class
             raise RobotError(f"{path} cannot be loaded: {str(error).strip()}") from None
+        coupled = {name: through(name, followers) for name in self.joints if name in followers}
+        self._follow(model, coupled, endless)
         _unbound(model, endless)
         geometry = simplified(geometry, self.geometry)
         base = frozenset(body.name for body in geometry.geometryObjects if not body.parentJoint)
@@ -142,10 +148,31 @@ class UrdfRobot:
             rest=np.clip([standing[name] for name in self.joints], lower, upper),
             tool=self.tool,
             base=base,
+            followers=coupled,
             turning=np.array([name in endless for name in self.joints], bool),
         )
         robot.frame_id(self.tool)
         return robot
+
+    def _follow(self, model: pin.Model, coupled: Mapping[str, Follower], endless: Collection[str]) -> None:
+        """Give followers in the group the limits that their leaders leave them, and a little more: an equation holds.
+
+        Raises:
+            RobotError: a follower of a joint that turns without end.
+        """
+        lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
+        for name, follower in coupled.items():
+            if follower.leader not in self.joints:
+                continue  # refused below, with a way out
+            if follower.leader in endless or name in endless:
+                raise RobotError(
+                    f"joint {name!r} of {self.name!r} mimics {follower.leader!r}, one of which turns without end: set "
+                    "`continuous`, the limit of such joints [rad]"
+                )
+            at, led = (model.joints[model.getJointId(joint)].idx_q for joint in (follower.leader, name))
+            reached = sorted(follower.multiplier * bound + follower.offset for bound in (lower[at], upper[at]))
+            lower[led], upper[led] = reached[0] - _ROOM, reached[1] + _ROOM
+        model.lowerPositionLimit, model.upperPositionLimit = lower, upper
 
     def _standing(
         self, model: pin.Model, semantics: Semantics, followers: Mapping[str, Follower], fastened: Collection[str]
@@ -207,10 +234,11 @@ class UrdfRobot:
                 f"joint {name!r} of {self.name!r} mimics {led_by[0]!r} and does not move by itself: leave it out of "
                 f"`joints` and say where {led_by[-1]!r} stands in `fixed`"
             )
-        if led_by[-1] in self.joints:
+        if led_by[-1] in self.joints and name not in self.joints:
             raise RobotError(
-                f"joint {name!r} mimics {led_by[0]!r}, but a variable of {self.name!r} moves one joint only: leave "
-                f"{led_by[-1]!r} out of `joints` and say where it stands in `fixed`; {name!r} follows it"
+                f"joint {name!r} mimics {led_by[0]!r}, but a variable of {self.name!r} moves one joint only: name "
+                f"{name!r} in `joints` too, where it follows by an equation, or leave {led_by[-1]!r} out and say where "
+                f"it stands in `fixed`; {name!r} follows it there"
             )
         if led_by[-1] not in standing and led_by[-1] not in fastened:
             if name in self.fixed:

@@ -3,7 +3,7 @@
 The rules are those that docs/problems.md states for robots; no code is planning's.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import coal
 import numpy as np
@@ -14,7 +14,7 @@ from pipeline.robots.placement import Placement
 from pipeline.robots.urdf import UrdfRobot
 from pipeline.verification.centre import centre_of_mass
 from pipeline.verification.kinematics import UNIVERSE, WORLD, Body, Joint, Kinematics, Masses, Place, turns
-from pipeline.verification.statement import Carried, ChainSaid, Point, Statement
+from pipeline.verification.statement import Carried, ChainSaid, Follows, Point, Statement
 from pipeline.verification.urdf import Urdf, UrdfJoint, of_angles, read_states, read_urdf
 
 _BASE = "base_world"  # the root link of a robot whose base moves
@@ -22,6 +22,7 @@ _BASE = "base_world"  # the root link of a robot whose base moves
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "yaw": (0, 0, 1), "pitch": (0, 1, 0), "roll": (1, 0, 0)}
 _SIX = ("x", "y", "z", "roll", "pitch", "yaw")  # dimensions as a region lists them
 _TURN = 2 * np.pi
+_ROOM = 0.01  # of followers beyond what leaders leave them: an equation bounds them, within a tolerance [rad or m]
 
 
 def read(statement: Statement) -> Kinematics:
@@ -86,7 +87,7 @@ class _Robot:
         for name in settings.joints:
             if name not in urdf.joints and name not in based:
                 raise RobotError(unknown("joints names a joint that does not exist:", name, [*urdf.joints, *based]))
-            self.limits[name] = based[name] if name in based else _limits(urdf.joints[name], settings.continuous)
+            self.limits[name] = based[name] if name in based else _range(name, urdf, settings)
         standing = _standing(urdf, settings)
         parent, placement = WORLD, Place()
         if settings.floating:
@@ -163,9 +164,30 @@ def resting(settings: UrdfRobot) -> np.ndarray:
     given, found = _given(settings), []
     for name in settings.joints:
         base = settings.floating.get(name.removeprefix("base_")) if name not in urdf.joints else None
-        low, high = base if base is not None else _limits(urdf.joints[name], settings.continuous)
+        low, high = base if base is not None else _range(name, urdf, settings)
         found.append(float(np.clip(given.get(name, _zero(low, high)), low, high)))
-    return np.array(found)
+    return led(np.array(found), settings)
+
+
+def follows(settings: UrdfRobot) -> tuple[Follows, ...]:
+    """Return what the joints of a planning group follow that mimic another one of it."""
+    urdf = read_urdf(resolve(settings.urdf, settings.package_dirs), settings.package_dirs)
+    mimics = {name: urdf.joints[name].mimic for name in settings.joints if name in urdf.joints}
+    return tuple(
+        Follows(name, mimic.leader, mimic.multiplier, mimic.offset)
+        for name, mimic in mimics.items()
+        if mimic is not None
+    )
+
+
+def led(q: np.ndarray, settings: UrdfRobot, but: Collection[str] = ()) -> np.ndarray:
+    """Return a configuration (n,) with followers where their leaders put them; those named in `but` stay."""
+    q, at, said = q.copy(), settings.joints.index, follows(settings)
+    for _ in said:  # followers of followers come right one after the other
+        for one in said:
+            if one.joint not in but:
+                q[at(one.joint)] = one.multiplier * q[at(one.leader)] + one.offset
+    return q
 
 
 def place(placement: Placement) -> Place:
@@ -186,6 +208,16 @@ def _variables(chain: ChainSaid) -> Iterator[tuple[str, tuple[float, float]]]:
 def _endless(direction: str, low: float, high: float) -> tuple[float, float]:
     """Return the limits of a direction; none of an angle that has a whole turn."""
     return (low, high) if direction in "xyz" or high - low < _TURN else (-np.inf, np.inf)
+
+
+def _range(name: str, urdf: Urdf, settings: UrdfRobot) -> tuple[float, float]:
+    """Return the limits of a joint of the group; of a follower those that its leader leaves it, and a little more."""
+    joint = urdf.joints[name]
+    if joint.mimic is None or joint.mimic.leader not in settings.joints:
+        return _limits(joint, settings.continuous)
+    bounds = (joint.mimic.multiplier * b + joint.mimic.offset for b in _range(joint.mimic.leader, urdf, settings))
+    low, high = sorted(bounds)
+    return low - _ROOM, high + _ROOM
 
 
 def _limits(joint: UrdfJoint, continuous: float | None) -> tuple[float, float]:

@@ -9,9 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import ConfigError
+from pipeline.robots.urdf import UrdfRobot
 from pipeline.verification.kinematics import UNIVERSE, WORLD, Kinematics, Place
-from pipeline.verification.reader import place
+from pipeline.verification.reader import follows, place
 from pipeline.verification.statement import (
+    Follows,
     InRegion,
     Joined,
     Level,
@@ -37,7 +39,7 @@ class Rows:
     """The equations of a statement.
 
     Args:
-        statement: the task; the rows of its chain come first.
+        statement: the task; the rows of its chain come first, those of joints that follow others last.
         kinematics: its robot.
 
     Raises:
@@ -49,6 +51,8 @@ class Rows:
         said: list[Saying] = list(statement.sayings)
         if statement.chain is not None:
             said.insert(0, Joined(statement.chain.end, statement.chain.frame))
+        if isinstance(statement.robot, UrdfRobot):
+            said += follows(statement.robot)
         self._sayings, self._kinematics = said, kinematics
         self.values(np.zeros((1, len(kinematics.names))))  # what does not fit is refused here
 
@@ -63,13 +67,18 @@ class Rows:
                 known[frame] = kinematics.placed(R, p, *kinematics.frame(frame))
             return known[frame]
 
-        parts = [np.zeros((len(Q), 0)), *(_rows(saying, where) for saying in self._sayings)]
+        def value(joint: str) -> np.ndarray:
+            return Q[:, kinematics.names.index(joint)]
+
+        parts = [np.zeros((len(Q), 0)), *(_rows(saying, where, value) for saying in self._sayings)]
         return np.concatenate(parts, axis=1)
 
 
-def _rows(saying: Saying, where: Where) -> np.ndarray:
-    """Return the rows of a saying (T, k), given where frames are."""
+def _rows(saying: Saying, where: Where, value: Callable[[str], np.ndarray]) -> np.ndarray:
+    """Return the rows of a saying (T, k), given where frames are and the values of joints (T,)."""
     match saying:
+        case Follows(joint, leader, multiplier, offset):
+            return (value(joint) - (multiplier * value(leader) + offset))[:, None]
         case Level(frame, axis, direction):
             return _between(where(frame)[0] @ _unit(axis), _unit(direction))
         case OnPlane(frame, normal, distance):

@@ -156,7 +156,17 @@ class OnTorus:
     frame: str = "point"
 
 
-Saying = Level | OnPlane | OnLine | Pinned | Posed | InRegion | Joined | OnSphere | OnTorus
+@dataclass(frozen=True)
+class Follows:
+    """A variable is a multiple of another one plus an offset [rad or m], by the names of their joints."""
+
+    joint: str
+    leader: str
+    multiplier: float
+    offset: float
+
+
+Saying = Follows | Level | OnPlane | OnLine | Pinned | Posed | InRegion | Joined | OnSphere | OnTorus
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pipeline.constraints import following
 from pipeline.errors import RobotError
 from tests.robots.test_urdf import SHARE, TINY, tiny
 
@@ -129,3 +130,39 @@ def test_grippers_of_known_robots(name, tmp_path):
     for frame, placed in zip(model.frames, data.oMf, strict=True):
         if frame.type == pin.FrameType.BODY:
             assert robot.pose(at, frame.name).isApprox(placed, 1e-9), frame.name
+
+
+def test_followers_in_the_group_have_an_equation(tmp_path):
+    """A group of a leader and all its followers has a row for each, which is 0 exactly where pinocchio would put them;
+    limits are what the leader's leave, and a group that lacks a follower is refused."""
+    group = ("end", "one", "lead", "far", "near")
+    robot = tiny(tmp_path, gripper(("far", "one", "near", "lead", "end")), joints=group, tool="a").robot()
+    constraint, rng = following(robot), np.random.default_rng(3)
+    assert (constraint.k, constraint.n) == (3, 5)
+    at = {name: robot.joint_names.index(name) for name in group}
+    for _ in range(20):
+        lead = rng.uniform(0.02, 0.08)
+        put = {"one": rng.uniform(-2, 2), "lead": lead, "near": -lead, "far": 0.1 - 2 * lead, "end": 0.03 - lead}
+        q = np.array([put[name] for name in group])
+        assert np.abs(constraint.value(q)).max() < 1e-12
+        assert ((robot.lower <= q) & (q <= robot.upper)).all()
+        moved = q.copy()
+        moved[at["far"]] += 0.02
+        assert np.linalg.norm(constraint.value(moved)) == pytest.approx(0.02)
+    assert robot.lower[at["end"]] == pytest.approx(-0.05 - 0.01) and robot.upper[at["end"]] == pytest.approx(
+        0.01 + 0.01
+    )
+    assert np.abs(constraint.value(robot.rest)).max() < 1e-12
+    with pytest.raises(RobotError, match=r"'near' mimics 'lead', but .* name 'near' in `joints` too"):
+        tiny(tmp_path, gripper(("one", "lead", "near", "far", "end")), joints=("lead", "far", "end"), tool="a").robot()
+
+
+def test_a_follower_turns_no_further_than_its_leader(tmp_path):
+    """A follower of a joint that turns without end is refused with the setting that gives it limits, and then moves."""
+    two = '<joint name="two" type="continuous">'
+    text = TINY.replace(two, two + '<mimic joint="one" multiplier="2" offset="0.1"/>')
+    with pytest.raises(RobotError, match=r"'two' .* mimics 'one', one of which turns without end: set `continuous`"):
+        tiny(tmp_path, text, joints=("one", "two")).robot()
+    robot = tiny(tmp_path, text, joints=("one", "two"), continuous=3.0).robot()
+    low, high = (bounds[0] for bounds in (robot.lower, robot.upper))
+    assert robot.lower[1] == pytest.approx(2 * low + 0.1 - 0.01) and robot.upper[1] == pytest.approx(2 * high + 0.11)
