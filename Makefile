@@ -50,7 +50,7 @@ test: venv  ## run the tests
 bench: venv arms  ## measure arms, then parts, planning on the sphere and scaling, in under two hours on 2 idle cores
 	@$(bin)/python stages/bench.py $(BENCH_ARGS)
 
-soak: venv  ## plan and verify 10 000 paths of all families, in some 15 minutes on 2 cores; resumable
+soak: venv  ## plan and verify 25 000 paths of all families, in some 40 minutes on 2 cores; resumable
 	@$(bin)/python stages/soak.py $(SOAK_ARGS)
 
 arms: venv  ## the first part of bench, resumable: against OMPL and, where installed, roboplan (pip install roboplan==0.7.0)
