@@ -113,7 +113,7 @@ def require_file(path: Path) -> None:
     if not path.is_file():
         recover(path.parent)
     if not path.is_file():
-        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
+        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`make repro`, its PROFILE)")
 
 
 def read_text(path: Path) -> str:

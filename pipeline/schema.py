@@ -155,4 +155,5 @@ def _scalar(value: Any, kind: Any, name: str) -> Any:
 
 
 def _names(kind: Any) -> str:
-    return ", ".join(f.name for f in fields(kind))
+    """Return the keys that a file may have; a field that is marked hidden is filled in by code."""
+    return ", ".join(f.name for f in fields(kind) if not f.metadata.get("hidden"))

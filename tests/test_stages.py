@@ -174,7 +174,10 @@ def damage(folder: Path, how: str) -> None:
 
 SCENES, PROBLEMS = "scenes/sphere/scenes.parquet", "scenes/sphere/problems.parquet"
 PATHS, VOXELS, MODEL = "demonstrations/sphere/paths.parquet", "voxels/sphere/voxels.npz", "train/sphere/model.pt"
-MISSING, UNREADABLE = "does not exist: run the stage that writes it (`dvc repro`)", "(truncated or foreign)"
+MISSING, UNREADABLE = (
+    "does not exist: run the stage that writes it (`make repro`, its PROFILE)",
+    "(truncated or foreign)",
+)
 METHOD = "experiment.methods.compnetx_rrtconnect"
 
 

@@ -109,7 +109,7 @@ class Problem:
                 off, most = told_apart(distance, space.constraint.tolerance)
                 raise ProblemError(
                     f"{name} is off the manifold {space.constraint.name!r}: ||F|| = {off}, tolerance {most}; "
-                    "project it first"
+                    "project it first (in a problem file: `project: true`)"
                 )
             if not space.validity.free(q):
                 raise ProblemError(f"{name} is {space.validity.reason(q)}")

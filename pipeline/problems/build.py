@@ -22,6 +22,9 @@ _BARREN = 100  # tries in a row that arrive nowhere, or where others did, after 
 _ROUNDED = 1e-6  # a given value so far beyond a limit is a rounded one, and taken at the limit [rad or m]
 _SEARCHED = 10.0  # for a start or a goal, unless planning has more: most take a tenth of it [s]
 _OFFERED = 100  # goals at most, turns included: each is a tree to be searched from
+_LARGE = 10.0  # no arm's hand is so far away [m]: a pose there is in another unit
+_MILLIMETRES = "; lengths are metres: are these millimetres?"
+_DEGREES = "; angles are radians: are these degrees?"
 _APART = 0.1  # goals nearer than this to each other count as one [rad or m]
 
 
@@ -178,6 +181,7 @@ class _Finder:
             raise ProblemError(
                 f"{name}: inverse kinematics found no configuration there that is within the joint limits and on "
                 f"the manifold {self.constraint.name!r}, in {tries} tries; the nearest is {_off(inverse.nearest)}"
+                f"{_units(where)}"
             )
         if not found:
             raise ProblemError(
@@ -232,7 +236,7 @@ class _Finder:
             said, lower, upper = told_apart(asked, least, most)
             outside = f"{name}: joint {self.robot.joint_names[joint]} is {said}, outside its limits [{lower}, {upper}]"
             if not abs(asked - taken) <= _ROUNDED:
-                raise ProblemError(outside)
+                raise ProblemError(f"{outside}{_DEGREES if TURN < abs(asked) < np.inf else ''}")
             self.notes.append(f"{outside}: taken at the limit")
         return kept
 
@@ -258,6 +262,19 @@ def _off(nearest: tuple[float, float] | None) -> str:
     if nearest is None:
         return "none"
     return f"{nearest[0]:.3g} (m and rad) from the target and ||F|| = {nearest[1]:.3g} from the manifold"
+
+
+def _units(where: Where) -> str:
+    """Ask about the units of a pose or region that nothing reaches, whose numbers look unlike [m] and [rad]."""
+    lengths: list[float] = []
+    angles: list[float] = []
+    if where.pose is not None:
+        lengths, angles = [*where.pose.xyz], [*where.pose.rpy]
+    elif where.region is not None:
+        lower, upper = np.array(where.region.region().lower), np.array(where.region.region().upper)
+        lengths, angles = [*lower[:3], *upper[:3]], [*lower[3:], *upper[3:]]
+    far = any(_LARGE < abs(v) < np.inf for v in lengths)
+    return (_MILLIMETRES if far else "") + (_DEGREES if any(TURN < abs(v) < np.inf for v in angles) else "")
 
 
 def _beside(address: str, folder: Path) -> str:

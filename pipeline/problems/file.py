@@ -221,7 +221,7 @@ class ProblemFile:
     spacing: float = 0.02
     speed: float = 1.0
     seed: int = 0
-    folder: Path = field(default_factory=Path.cwd)
+    folder: Path = field(default_factory=Path.cwd, metadata={"hidden": True})  # read_problem fills it in
 
     def __post_init__(self) -> None:
         require("time_limit", self.time_limit, above=0, unit=" s")
@@ -269,6 +269,8 @@ def read_problem(path: Path | str, **changes: Any) -> ProblemFile:
     """
     path = Path(path)
     content = read_yaml(path)
+    if content is None:
+        raise ProblemError(f"problem file {path} holds nothing; docs/problems.md says what it may say")
     if not isinstance(content, Mapping):
         raise ProblemError(f"problem file {path} holds a {type(content).__name__}; it must be a mapping")
     if "folder" in content or "folder" in changes:

@@ -65,7 +65,7 @@ def read_recording(path: Path) -> StoredRecording:
     """
     path = Path(path)
     if not path.is_file():
-        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
+        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`make repro`, its PROFILE)")
     try:
         return _decode(path.read_bytes())
     except Exception as error:  # mcap, zstd, protobuf and struct raise a dozen kinds; all mean the same to a reader

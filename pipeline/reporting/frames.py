@@ -157,7 +157,7 @@ def read_curves(folder: Path) -> pd.DataFrame:
     """
     path, metrics = folder / "curves.csv", folder / "metrics.json"
     if not path.is_file():
-        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`dvc repro`)")
+        raise ArtifactError(f"{path} does not exist: run the stage that writes it (`make repro`, its PROFILE)")
     try:
         frame = pd.read_csv(path)
     except (ValueError, pd.errors.ParserError) as error:  # UnicodeDecodeError and EmptyDataError are ValueErrors

@@ -90,7 +90,9 @@ def test_damaged_configuration_is_refused(tmp_path, column, value):
 def test_files_are_not_mixed_up(tmp_path):
     """Scenes are refused as problems and problems as scenes, and missing ones name the command."""
     for read in (read_scenes, lambda folder: read_problems(folder, 3)):
-        with pytest.raises(ArtifactError, match=r"does not exist: run the stage that writes it \(`dvc repro`\)"):
+        with pytest.raises(
+            ArtifactError, match=r"does not exist: run the stage that writes it \(`make repro`, its PROFILE\)"
+        ):
             read(tmp_path)
     write_scenes(SCENES, tmp_path)
     (tmp_path / "scenes.parquet").rename(tmp_path / "problems.parquet")

@@ -38,7 +38,7 @@ CASES = {
         RobotError,
         "no file 'no.urdf'",
     ),
-    "misspelt key": (changed(constrains=[]), ConfigError, "'constrains' .*did you mean 'constraints'"),
+    "misspelt key": (changed(constrains=[]), ConfigError, "'constrains' .*did you mean 'constraints'.*speed, seed$"),
     "folder": (changed(folder="/"), ConfigError, "unknown key 'folder'"),
     "no start": (changed(start=None), ConfigError, "lacks start"),
     "start empty": (changed(start={}), ConfigError, "this one has none"),
@@ -73,6 +73,21 @@ CASES = {
         changed(goal={"pose": {"xyz": [2, 0, 0.3], "rpy": [np.pi, 0, 0]}}),
         ProblemError,
         r"goal: inverse kin.* the nearest is 1\.\d+ \(m and rad\) from the target",
+    ),
+    "goal in millimetres": (
+        changed(goal={"pose": {"xyz": [500, 300, 300], "rpy": [np.pi, 0, 0]}}),
+        ProblemError,
+        "goal: inverse kin.*are these millimetres",
+    ),
+    "goal in degrees": (
+        changed(goal={"region": {"x": 0.5, "y": 0.3, "z": 0.3, "roll": 90, "pitch": 0}}),
+        ProblemError,
+        "goal: inverse kin.*are these degrees",
+    ),
+    "start in degrees": (
+        changed(start={"joints": {"panda_joint1": 45}}),
+        ProblemError,
+        "panda_joint1 is 45, outside its limits .*are these degrees",
     ),
     "goal against the constraint": (
         changed(goal={"pose": {"xyz": [0.5, 0.3, 0.4]}}),
@@ -196,7 +211,7 @@ CASES = {
     "goal of no values": (changed(goal={"values": {}}), ConfigError, "has values that say nothing"),
     "seed": (changed(seed=-1), ConfigError, "seed is -1"),
     "a list": ([1, 2], ProblemError, "holds a list"),
-    "nothing": (None, ProblemError, "holds a NoneType"),
+    "nothing": (None, ProblemError, "holds nothing"),
 }
 
 
