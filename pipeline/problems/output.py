@@ -62,7 +62,8 @@ def write_solution(solution: Solution, folder: Path, picture: bool = True) -> di
     """Write the result, and for a solved problem its path, picture and recording, all or nothing; return the result.
 
     `path.csv` has a row per state: time [s] and the joints [rad or m] by name. Its states are on the manifold and so
-    close that a controller may go straight between them.
+    close that a controller may go straight between them. They are to the bit those that the verifier has passed: one
+    on a limit, rounded, would be beyond it.
 
     Raises:
         ConfigError: see `check_output`.
@@ -75,7 +76,7 @@ def write_solution(solution: Solution, folder: Path, picture: bool = True) -> di
         if solution.solved:
             frame = pd.DataFrame(solution.path, columns=list(solution.built.robot.joint_names))
             frame.insert(0, "time_s", solution.times)
-            frame.to_csv(out / PATH, index=False, float_format="%.12g")
+            frame.to_csv(out / PATH, index=False)  # as many digits as bring the same numbers back
             write_recording(out / RECORDING, recording(solution, summary))
             write_layout(out / LAYOUT, solution.built.robot.dimension)
             if picture:

@@ -142,7 +142,7 @@ def test_what_is_written(tmp_path):
     assert result["largest_violation"] < 1e-3 and result["smallest_clearance_m"] > 0
     stored = read_recording(folder / "recording.mcap")
     for times, Q_stored in ((frame["time_s"].to_numpy(), frame.to_numpy()[:, 1:]), (stored.times, stored.states)):
-        # Files round: to 12 digits, and to the nanosecond. Both keep the velocity limits.
+        # Times are whole nanoseconds, and the recording's states may be rounded. Both keep the velocity limits.
         assert (np.abs(np.diff(Q_stored, axis=0)) <= np.diff(times)[:, None] * found.built.robot.velocity).all()
     np.testing.assert_allclose(stored.states, Q, atol=1e-12)
     before = {

@@ -4,15 +4,18 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
 from pipeline.errors import ProblemError
 from pipeline.problems import parts, read_problem, solve
 from pipeline.problems.build import build
+from pipeline.problems.output import write_solution
 from pipeline.problems.statement import statement_of
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import Failure, Verdict
+from tests.robots.crane import CRANE
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 REFUSED = Verdict(Failure.COLLISION, 0, "the judge is in a bad mood", 0.0, None, 1.0, 1)
@@ -93,3 +96,25 @@ def test_parts_of_the_path_pass_as_the_whole():
     for part in (found.path, found.path[::-1], found.path[: middle + 1], found.path[middle:]):
         assert judge.verify(part, part[0], part[-1]).passed
     assert build(file).robot.joint_names == judge.kinematics.names
+
+
+def test_written_states_on_a_limit_pass(tmp_path):
+    """What `path.csv` holds is to the bit what was verified, and passes again: its ends are on limits of pi."""
+    limits = f'type="revolute"><limit lower="{-np.pi}" upper="{np.pi}" velocity="1" effort="1"/>'
+    (tmp_path / "crane.urdf").write_text(CRANE.replace('type="continuous">', limits))
+    robot = {"name": "crane", "urdf": "crane.urdf", "joints": ["first", "second", "lift"], "tool": "tip"}
+    content = {
+        "robot": {"kind": "urdf", "parameters": robot},
+        "constraints": [{"kind": "height", "value": 0.0}],
+        "start": {"configuration": [np.pi, 0.0, 0.0]},
+        "goal": {"configuration": [np.pi - 1.0, -np.pi, 0.0]},
+    }
+    (tmp_path / "problem.yaml").write_text(yaml.safe_dump(content))
+    found = solve(read_problem(tmp_path / "problem.yaml", time_limit=20.0))
+    write_solution(found, tmp_path / "out", picture=False)
+    frame = pd.read_csv(tmp_path / "out" / "path.csv")
+    written = frame.to_numpy()[:, 1:]
+    np.testing.assert_array_equal(written, found.path)
+    np.testing.assert_array_equal(frame["time_s"], found.times)
+    verdict = Judge(statement_of(found.file, found.built.starts[0])).verify(written, written[0], written[-1])
+    assert verdict.passed and written.max() == np.pi, verdict.message
