@@ -33,7 +33,7 @@ class Body:
     Attributes:
         shape: box, sphere, cylinder, mesh or octree.
         size: full extents [m]: three numbers, or one for all; a cylinder's are diameter, diameter, length; a mesh's are
-            scales, an octree's the edge of a leaf.
+            scales, which mirror it where they are negative, an octree's the edge of a leaf.
         xyz, rpy: position [m] and orientation [rad] in the world, or in the frame of a grasp.
         name: by which `touches` speaks of it.
         file: of a mesh (STL, OBJ, DAE), or of an octree's points (N, 3) as .npy or .csv; relative to the problem file.
@@ -54,10 +54,12 @@ class Body:
             ConfigError: a pose that is not finite.
         """
         size = self.size if isinstance(self.size, list | tuple) else [self.size] * 3
-        if len(size) != 3 or not all(is_number(s) and 0 < s < np.inf for s in size):
-            raise ProblemError(
-                f"{self.shape.value} {self.name!r} has size {self.size}; it must be 1 or 3 numbers above 0"
+        mirrored = self.shape is Shape.MESH  # a negative scale mirrors the mesh
+        if len(size) != 3 or not all(is_number(s) and 0 < (abs(s) if mirrored else s) < np.inf for s in size):
+            what = (
+                "is a scale: it must be 1 or 3 numbers other than 0" if mirrored else "must be 1 or 3 numbers above 0"
             )
+            raise ProblemError(f"{self.shape.value} {self.name!r} has size {self.size}; it {what}")
         if self.shape in (Shape.MESH, Shape.OCTREE) and not self.file:
             raise ProblemError(f"{self.shape.value} {self.name!r} has no file")
         if self.file and self.shape not in (Shape.MESH, Shape.OCTREE):

@@ -17,17 +17,23 @@ class TooNear:
         first, second: their names.
         distance: of the two [m]; negative where they are in each other.
         least: that they must keep [m]; negative where they may touch.
+        allowed: how deep they may be in each other [m], of which a margin keeps some; 0 where they may not touch.
     """
 
     first: str
     second: str
     distance: float
     least: float
+    allowed: float = 0.0
 
     def __str__(self) -> str:
         how = f"{-self.distance:.3g} m deep" if self.distance < 0 else f"{self.distance:.3g} m apart"
-        bound = f", of at most {-self.least:.3g} m" if self.least < 0 else f", with a margin of {self.least:.3g} m"
-        return f"{self.first} with {self.second} ({how}{bound if self.least else ''})"
+        bound = f", with a margin of {self.least:.3g} m"
+        if self.allowed > 0:
+            kept_back = self.allowed + self.least
+            bound = f", of at most {self.allowed:.3g} m"
+            bound += f", of which the margin keeps {kept_back:.3g} m" if kept_back > 0 else ""
+        return f"{self.first} with {self.second} ({how}{bound if self.least or self.allowed else ''})"
 
 
 def too_near(distances: Distances, q: np.ndarray, margin: float, self_margin: float, reserve: float) -> list[TooNear]:
@@ -44,18 +50,19 @@ def too_near(distances: Distances, q: np.ndarray, margin: float, self_margin: fl
     R, p = distances.at(q)
     bodies = [distances.body(i, R, p) for i in range(len(scene.bodies))]
     own = kept(self_margin, scene.pair_depths, reserve).tolist()
-    for pair, least in zip(scene.robot.geometry.collisionPairs, own, strict=True):
+    for pair, least, depth in zip(scene.robot.geometry.collisionPairs, own, scene.pair_depths.tolist(), strict=True):
         names = scene.body_names[pair.first], scene.body_names[pair.second]
-        found.append((names, bodies[pair.first], bodies[pair.second], least))
+        found.append((names, bodies[pair.first], bodies[pair.second], least, depth))
     near = sorted(distances.near(scene.moving, R, p, margin + reserve), key=lambda pair: pair[::-1])
-    others = kept(margin, np.array([scene.depth(*pair) for pair in near], float), reserve).tolist()
-    for (body, number), least in zip(near, others, strict=True):
+    depths = [scene.depth(*pair) for pair in near]
+    others = kept(margin, np.array(depths, float), reserve).tolist()
+    for (body, number), least, depth in zip(near, others, depths, strict=True):
         names = scene.body_names[body], scene.names[number]
-        found.append((names, bodies[body], distances.obstacle(number), least))
+        found.append((names, bodies[body], distances.obstacle(number), least, depth))
     near_ones: dict[tuple[str, ...], TooNear] = {}
-    for names, here, there, least in found:
+    for names, here, there, least, depth in found:
         if here.nearer(there, least):
-            one = TooNear(body_of(names[0]), body_of(names[1]), here.distance(there), least)
+            one = TooNear(body_of(names[0]), body_of(names[1]), here.distance(there), least, depth)
             known = near_ones.get((one.first, one.second))
             if known is None or one.distance < known.distance:  # of the pieces of a body the nearest is named
                 near_ones[one.first, one.second] = one

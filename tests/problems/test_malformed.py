@@ -163,6 +163,11 @@ CASES = {
     ),
     "obstacle shape": (changed(obstacles=[{**BOX, "shape": "cone"}]), ConfigError, "shape is 'cone'; choices: box"),
     "obstacle size": (changed(obstacles=[{**BOX, "size": [0.1, -0.1, 0.1]}]), ProblemError, "1 or 3 numbers above 0"),
+    "mesh of no size": (
+        changed(obstacles=[{**BOX, "shape": "mesh", "size": [1.0, 0.0, 1.0], "file": "a.obj"}]),
+        ProblemError,
+        "is a scale: it must be 1 or 3 numbers other than 0",
+    ),
     "obstacle size of words": (changed(obstacles=[{**BOX, "size": "big"}]), ProblemError, "1 or 3 numbers above 0"),
     "millimetres": (changed(obstacles=[{**BOX, "size": [100, 100, 400]}]), ProblemError, "are these millimetres"),
     "far away": (changed(obstacles=[{**BOX, "xyz": [500.0, 0, 0]}]), ProblemError, "are these millimetres"),

@@ -14,6 +14,8 @@ from pipeline.problems import read_problem, solve
 from pipeline.problems.build import build
 from pipeline.problems.output import write_solution
 from pipeline.recording import read_recording
+from pipeline.robots import Validity
+from tests.robots.named import named
 
 ROOT = Path(__file__).parents[2]
 UPRIGHT = ROOT / "examples" / "upright_panda.yaml"
@@ -148,3 +150,26 @@ def test_the_margin_is_kept_from_what_conditions_bound():
     (condition,) = built.validity.conditions
     q = built.starts[0]
     assert condition.slack(q).min() > 0.03 and not condition.kept(condition.slack(q).min() + 1e-6).holds(q)
+
+
+@pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, 1), (-1, -1, 1), (-1, -1, -1)])
+def test_a_negative_scale_mirrors_a_mesh(signs, tmp_path):
+    """A mesh of a problem file at a negative scale is as far from the robot as the box that it is then."""
+    corners = [(x, y, z) for x in (0.1, 0.3) for y in (0.2, 0.5) for z in (0.0, 0.4)]
+    quads = [(1, 3, 4, 2), (5, 6, 8, 7), (1, 2, 6, 5), (3, 7, 8, 4), (1, 5, 7, 3), (2, 4, 8, 6)]
+    faces = [f"f {a} {b} {c}\nf {a} {c} {d}" for a, b, c, d in quads]
+    (tmp_path / "box.obj").write_text("\n".join(["v {} {} {}".format(*corner) for corner in corners] + faces))
+    middle = [float(sign * value) for sign, value in zip(signs, (0.2, 0.35, 0.2), strict=True)]
+    mesh = {"name": "it", "shape": "mesh", "file": "box.obj", "size": list(signs), "xyz": [0.5, 0.0, 0.5]}
+    box = {
+        "name": "it",
+        "shape": "box",
+        "size": [0.2, 0.3, 0.4],
+        "xyz": [m + at for m, at in zip(middle, (0.5, 0, 0.5), strict=True)],
+    }
+    found = []
+    for one in (mesh, box):
+        (tmp_path / "p.yaml").write_text(yaml.safe_dump({**yaml.safe_load(UPRIGHT.read_text()), "obstacles": [one]}))
+        scene = [body.obstacle(tmp_path) for body in read_problem(tmp_path / "p.yaml").obstacles]
+        found.append(Validity(named("panda"), scene).clearance(named("panda").rest))
+    assert found[0] == pytest.approx(found[1], abs=1e-6)

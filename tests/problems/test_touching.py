@@ -32,7 +32,9 @@ def test_a_bottle_in_the_table_is_refused(tmp_path):
     """A start at which a carried bottle is through the table that it may touch is none, and it is said how deep."""
     bottle = {**CUP, "size": [0.07, 0.07, 0.3], "xyz": [0.0, 0.0, 0.13]}
     file = problem(tmp_path, obstacles=[TABLE], grasps=[bottle], goals=2)
-    with pytest.raises(PipelineError, match=r"cup with table \(0\.\d+ m deep, of at most 0.0015 m\)"):
+    with pytest.raises(
+        PipelineError, match=r"cup with table \(0\.\d+ m deep, of at most 0.002 m, of which the margin keeps 0.0005 m\)"
+    ):
         build(file)
 
 

@@ -216,7 +216,7 @@ def test_reasons_say_how_deep():
     table = Obstacle(Shape.BOX, tuple(below), turn, (0.4, 0.4, 0.1), "table")
     touching = [("cup", "table")]
     said = Validity(robot, [table], 0.005, touching=touching).reason(robot.rest)
-    assert said == "in collision: cup with table (0.01 m deep, of at most 0.0015 m)"
+    assert said == "in collision: cup with table (0.01 m deep, of at most 0.002 m, of which the margin keeps 0.0005 m)"
     said = Validity(robot, [table]).reason(robot.rest)
     assert said == "in collision: cup with table (0.01 m deep)"
     apart = replace(table, position=tuple(hand.act(np.array([0, 0, 0.15 + 0.05 + 0.004]))))
