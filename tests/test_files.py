@@ -162,7 +162,7 @@ def test_missing_file_says_what_to_run(kind, tmp_path):
     """A file or folder that is not there as a file is refused with its name and the command that makes it."""
     read = kind[2]
     for path in (tmp_path / "absent", tmp_path):
-        with refusal(path, "does not exist", "dvc repro"):
+        with refusal(path, "does not exist", "make repro"):
             read(path, "schema")
 
 
@@ -235,7 +235,7 @@ def test_what_is_no_ordinary_file_is_not_read(kind, what, tmp_path):
         os.mkfifo(path)
     else:
         path.symlink_to(what)
-    with refusal(path, "does not exist", "dvc repro"):
+    with refusal(path, "does not exist", "make repro"):
         read(path, "schema")
 
 

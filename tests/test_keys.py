@@ -51,7 +51,7 @@ def test_digest_depends_on_content_only(tmp_path):
     ]
     assert len({same, *others}) == 5
     assert re.fullmatch("[0-9a-f]{16}", same)
-    with pytest.raises(ArtifactError, match="dvc repro"):
+    with pytest.raises(ArtifactError, match="make repro"):
         digest(tmp_path / "absent")
 
 

@@ -47,7 +47,7 @@ def test_behaves_the_same(model, tmp_path):
 
 def test_missing(tmp_path):
     """A missing model says which stage writes it."""
-    with pytest.raises(ArtifactError, match="dvc repro"):
+    with pytest.raises(ArtifactError, match="make repro"):
         load_model(tmp_path / "model.pt")
 
 
