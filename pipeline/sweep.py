@@ -19,16 +19,19 @@ from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.atomic import atomic_file
 from pipeline.files import read_json, write_json
+from pipeline.machine import processor
+from pipeline.provenance import commit
 
 ROW = "row.json"
 
 
 def keep_row(row: dict[str, Any]) -> None:
-    """Keep the outcome of a sweep's job beside the others; a single run only logs it."""
+    """Keep the outcome of a sweep's job, with commit and machine, beside the others; a single run only logs it."""
     hydra = HydraConfig.get()
     if hydra.mode is not None and hydra.mode.name == "MULTIRUN":
         overrides = dict(item.partition("=")[::2] for item in hydra.overrides.task)  # a deleted key has no value
-        write_json({**overrides, **row}, Path(hydra.sweep.dir) / str(hydra.sweep.subdir) / ROW)
+        made = {"commit": commit() or "unknown", "cpu": processor()}
+        write_json({**overrides, **row, **made}, Path(hydra.sweep.dir) / str(hydra.sweep.subdir) / ROW)
 
 
 class OwnFolders(Callback):

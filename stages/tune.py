@@ -9,7 +9,6 @@ from omegaconf import DictConfig
 from pipeline.config import load
 from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
 from pipeline.evaluation import summary
-from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays
 from pipeline.learning import CompnetxNetwork
@@ -57,7 +56,7 @@ def main(cfg: DictConfig) -> None:
         trials = pd.concat(
             run_trials(experiment, environment, scenes, learned, rows) for _, rows in problems.groupby("scene")
         )
-    solved, measured_on = trials[trials.solved], hardware()
+    solved = trials[trials.solved]
     times, lengths = summary((1e3 * trials.planning_time).to_numpy(float)), summary(solved.path_length.to_numpy(float))
     row = {
         "n": len(trials),
@@ -70,8 +69,6 @@ def main(cfg: DictConfig) -> None:
         "collision checks": float(trials.collision_checks.median()),
         "fallback [%]": 100 * trials.fallback_samples.sum() / max(trials.samples.sum(), 1),
         "val_loss": trained.metrics["val_loss"],
-        "commit": measured_on["commit"],
-        "cpu": measured_on["cpu"],
     }
     print(pd.Series(row).to_string())
     keep_row(row)
