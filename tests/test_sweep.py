@@ -14,6 +14,8 @@ from omegaconf import OmegaConf, open_dict
 from pipeline.config import ROOT
 from pipeline.errors import ArtifactError
 from pipeline.files import read_json, write_json
+from pipeline.machine import processor
+from pipeline.provenance import commit
 from pipeline.sweep import ROW, OwnFolders, SweepTable, keep_row
 
 OVERRIDES = ["profile=standard", "method.planner.parameters.samples=200", "model.network.hidden=[8,8]", "~threads"]
@@ -106,7 +108,9 @@ def test_job_of_a_sweep_keeps_its_row(tmp_path, job):
     assert [path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()] == [
         (tmp_path / "multirun" / "3" / ROW).relative_to(tmp_path)
     ]
-    assert list(read_json(tmp_path / "multirun" / "3" / ROW).items()) == [
+    row = read_json(tmp_path / "multirun" / "3" / ROW)
+    assert row.pop("commit") == (commit() or "unknown") and row.pop("cpu") == processor()
+    assert list(row.items()) == [
         ("profile", "standard"),
         ("method.planner.parameters.samples", "200"),
         ("model.network.hidden", "[8,8]"),

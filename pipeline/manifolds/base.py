@@ -17,19 +17,18 @@ import casadi as ca
 import numpy as np
 
 from pipeline.constraints import Constraint, turns_on
-from pipeline.errors import ConfigError, ConstraintError, require
+from pipeline.errors import ConfigError, require
 from pipeline.manifolds.chords import ChordProof
 from pipeline.manifolds.deadline import Deadline
 from pipeline.manifolds.displacement import Displacement
 from pipeline.manifolds.polyline import brought_back, polyline, subdivided
 from pipeline.manifolds.screening import Screen
+from pipeline.manifolds.typical import typical_motion
 from pipeline.robots import Validity
 
 FINEST = 1e-5  # spacing of checks along a found path: below it the points of one fill the memory [rad or m]
 _PIECES = 1000  # in which a step is checked: likewise
-_PARTS, _PAYS = 4, 0.6  # cut chords where the fastest body then counts as so much slower
-_TYPICAL = 64  # random chords that say how fast bodies move along a typical one
-_ROWS = 64  # that are asked for collision or looked at as edges between two looks at the clock
+_ROWS = 64  # configurations or edges looked at between two looks at the clock
 _GLANCE = 10  # Newton steps after which a random configuration is a direction only: most that converge need 3 to 6
 
 
@@ -345,33 +344,9 @@ class Adherence(ABC):
 
     @cached_property
     def _motion(self) -> tuple[Displacement, np.ndarray, int]:
-        """How bodies move along chords, how fast along typical ones, and in how many parts these are looked at.
-
-        Typical are random steps in the tangent space. Two arms that hold one body move against each other by little but
-        the bow, which is a quarter of the whole where chords are cut in four; elsewhere that does not pay.
-        """
-        displacement, rng = Displacement(self.validity.robot, self.parameters.native), np.random.default_rng(0)
-        Q, converged = self.constraint.project_batch(
-            rng.uniform(*self.validity.robot.box, (2 * _TYPICAL, self.dimension))
-        )
-        Q = Q[converged & np.isfinite(Q).all(axis=1)][:_TYPICAL]
-        steps = [(q, self._tangent_step(q, rng)) for q in Q]
-        found = {}
-        for parts in (1, _PARTS):
-            rates = [parts * displacement.rates(np.stack([q, q + step / parts]))[0] for q, step in steps]
-            rates = rates or [np.ones(len(displacement.relations))]
-            found[parts] = np.quantile(rates, 0.9, axis=0)  # (relations,)
-        parts = _PARTS if found[_PARTS].max(initial=0.0) < _PAYS * found[1].max(initial=0.0) else 1
-        return displacement, found[parts], parts
-
-    def _tangent_step(self, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return a step (n,) in a random direction; along the tangent space at q, where there is one."""
-        try:
-            tangent = self.constraint.frame(q)[0]
-        except ConstraintError:
-            tangent = np.eye(self.dimension)
-        step = tangent @ rng.normal(size=tangent.shape[1])
-        return self.parameters.step / max(float(np.linalg.norm(step)), 1e-12) * step
+        """What `typical_motion` returns, made once for all scenes."""
+        parameters = self.parameters
+        return typical_motion(self.constraint, self.validity.robot, parameters.step, parameters.native)
 
     def _projected(self, Q: np.ndarray, iterations: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """As `Constraint.project_batch`, with an eye on the clock."""
