@@ -31,7 +31,7 @@ ROBOPLAN_PLANS = ("transport", "tray")  # it has neither chains nor feet on the 
 TABLE = (
     "family", "route", "n", "claimed [%]", "verified by its own geometry [%]", "verified by ours [%]",
     "time median [ms]", "time mean [ms]", "time p95 [ms]", "worst violation", "length median", "checks median",
-    "projections median",
+    "projections median", "chords proven", "chords sampled",
 )  # fmt: skip
 _LEAST = {ORDINARY: 20.0, ROBOPLAN: 2.0}  # by how much ours is to be faster
 _SHARD = 10  # tasks: what a killed run may lose
@@ -113,7 +113,8 @@ def arm_shard(contest: ArmContest, item: Part) -> pd.DataFrame:
     """Plan a part of the contest by all routes; return a row per trial.
 
     Columns: tried (whether it is one of what was tried), family, route, task, time [s], claimed, verified and reason by
-    our geometry, verified_own and reason_own by the one it was planned with, length, violation, checks, projections.
+    our geometry, verified_own and reason_own by the one it was planned with, length, violation, proven and sampled
+    (chords, by the geometry it was planned with), checks, projections.
     """
     setting = contest.families[item.family]
     routes = _tried_routes(contest, setting) if item.tried else _routes(contest, setting)
@@ -191,6 +192,7 @@ def arm_table(trials: pd.DataFrame) -> pd.DataFrame:
         rows.append((
             family, route, len(group), *shares, times.median, times.mean, times.p95, group["violation"].max(),
             passed["length"].median(), group["checks"].median(), group["projections"].median(),
+            int(passed["proven"].sum()), int(passed["sampled"].sum()),
         ))  # fmt: skip
     return pd.DataFrame(rows, columns=list(TABLE))
 
@@ -198,7 +200,7 @@ def arm_table(trials: pd.DataFrame) -> pd.DataFrame:
 def _trial(setting: Setting, route: _Route, task: Task, seed: int) -> dict[str, Any]:
     seconds, path, counts = route.plan(task, seed)
     found: dict[str, Any] = {"time": seconds, "claimed": path is not None, "length": np.nan, "violation": np.nan}
-    found |= {"verified": False, "reason": "", "verified_own": False, "reason_own": ""}
+    found |= {"verified": False, "reason": "", "verified_own": False, "reason_own": "", "proven": 0, "sampled": 0}
     found |= {"checks": counts.get("collision_checks", np.nan), "projections": counts.get("projections", np.nan)}
     if path is not None:
         verdict = own = setting.verdict(task, path)
@@ -208,6 +210,7 @@ def _trial(setting: Setting, route: _Route, task: Task, seed: int) -> dict[str, 
             reason = judged.failure.value if judged.failure else ""
             found |= {f"verified{suffix}": judged.passed, f"reason{suffix}": reason}
         found |= {"length": verdict.length, "violation": verdict.max_violation}
+        found |= {"proven": own.chords_proven, "sampled": own.chords_sampled}
     return found
 
 

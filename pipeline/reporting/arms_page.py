@@ -19,9 +19,10 @@ NOTE = (
     "with looks at points of them; making the scene and its collision checker is left out for all. "
     "Claimed: by the planner; verified: by `pipeline.verification`, which proves every chord of a path (those of "
     "others are joined on the manifold first, outside of the time), "
-    "once with the geometry that the route planned with and once with ours; lengths are of paths that pass with their "
-    "own. Those differ for roboplan only, which has meshes as they are in the files; OMPL has our geometry, without "
-    "margins. No route shortens its path. OMPL's ordinary route has constraint and checker by numpy and pinocchio, as "
+    "once with the geometry that the route planned with and once with ours; lengths, and how many chords are proven "
+    "or only sampled, are of paths that pass with their own. Those differ for roboplan only, which has meshes as they "
+    "are in the files; OMPL has our geometry, without margins. No route shortens its path. OMPL's ordinary route has "
+    "constraint and checker by numpy and pinocchio, as "
     "its users write them; roboplan plans upright transport and trays: it has no chains, no feet on the ground, no "
     "pictures. Ratios are of the tasks that both planned, and an unsolved plan counts with the time it took."
 )

@@ -127,7 +127,7 @@ def synthetic() -> pd.DataFrame:
             passed = route != "peer" or problem % 2 == 0
             told = {"claimed": True, "verified": passed, "reason": "" if passed else "collision"}
             told |= {"verified_own": passed or problem != 1, "reason_own": "" if passed or problem != 1 else "jump"}
-            counts = {"violation": 5e-4, "checks": 100, "projections": 50}
+            counts = {"violation": 5e-4, "checks": 100, "projections": 50, "proven": 20 * passed, "sampled": problem}
             names = {"family": "transport_panda", "route": route, "task": problem}
             rows.append({**names, "time": scale * (problem + 1) / 1000, "length": scale + problem, **told, **counts})
     return pd.DataFrame(rows)
@@ -141,6 +141,7 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert (own["peer"], by_ours["peer"], own["ours, projection"], by_ours["ours, projection"]) == (90, 50, 100, 100)
     assert table.loc["ours, projection", "time median [ms]"] == pytest.approx(5.5)
     assert table.loc["peer", "length median"] == pytest.approx(15)  # of those verified by its own geometry
+    assert table.loc["ours, projection", ["chords proven", "chords sampled"]].tolist() == [200, 45]
     assert glance(synthetic()).to_numpy().tolist() == [
         ["Panda, a level hand among 15 to 40 bodies", "5.50 ms (100 %)", "55.0 ms (90 %), peer", "–", 10]
     ]
