@@ -145,6 +145,8 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert glance(synthetic()).to_numpy().tolist() == [
         ["Panda, a level hand among 15 to 40 bodies", "5.50 ms (100 %)", "55.0 ms (90 %), peer", "–", 10]
     ]
+    fewer = synthetic().query("route != 'peer' or task < 4")
+    assert glance(fewer)["best peer"].tolist() == ["25.0 ms (75 % of 4), peer"]
     (line,) = ratio_lines(synthetic())
     assert line.startswith("transport_panda: 10x faster than peer at the median, 10x at p95, n = 10")
     named = pd.concat([synthetic().replace("peer", ORDINARY), synthetic()[::2].replace("ours, projection", UNPROVEN)])
