@@ -2,13 +2,14 @@
 
 from pipeline.constraints.balance import balanced, feet_on_ground
 from pipeline.constraints.base import Constraint, Projection
-from pipeline.constraints.compiled import Compiled, compiled
+from pipeline.constraints.compiled import Compiled
 from pipeline.constraints.conditions import Condition
 from pipeline.constraints.couplings import following
 from pipeline.constraints.feasibility import feasible
 from pipeline.constraints.poses import closed_chain, height, intersection, line, plane, pose, position, upright
 from pipeline.constraints.regions import Chain, TaskSpaceRegion, chain
 from pipeline.constraints.sphere import sphere_constraint
+from pipeline.constraints.structure import Expressions, Structure, structure_of
 from pipeline.constraints.turns import turns_on
 
 __all__ = [
@@ -16,12 +17,13 @@ __all__ = [
     "Compiled",
     "Condition",
     "Constraint",
+    "Expressions",
     "Projection",
+    "Structure",
     "TaskSpaceRegion",
     "balanced",
     "chain",
     "closed_chain",
-    "compiled",
     "feasible",
     "feet_on_ground",
     "following",
@@ -32,6 +34,7 @@ __all__ = [
     "pose",
     "position",
     "sphere_constraint",
+    "structure_of",
     "turns_on",
     "upright",
 ]

@@ -12,7 +12,7 @@ from pipeline.constraints.base import Constraint
 from pipeline.constraints.conditions import Condition
 from pipeline.constraints.poses import intersection, position
 from pipeline.errors import ConstraintError, require
-from pipeline.robots import Robot
+from pipeline.robots import Numbers, Robot
 from pipeline.robots.bending import centre_of_mass_bend
 
 
@@ -54,9 +54,9 @@ def balanced(robot: Robot, contacts: Sequence[Sequence[float]], margin: float = 
         raise ConstraintError(
             f"a margin of {margin} m leaves nothing of the polygon: no more than {circle.x[2]:.4g} m fit into it"
         )
-    q = ca.SX.sym("q", robot.dimension)
-    com = robot.symbolic_centre_of_mass(q)
-    slack = -(ca.DM(normals) @ com[:2] + ca.DM(offsets)) - margin
+    q, p = ca.SX.sym("q", robot.dimension), Numbers()
+    com = robot.symbolic_centre_of_mass(q, p)
+    slack = -(p(normals) @ com[:2] + p(offsets)) - p(margin)
     rows = [f"centre of mass inside edge {i} of the support polygon [m]" for i in range(len(normals))]
     # A row is a distance along a unit vector: it bends no more than the centre of mass.
-    return Condition("balance", q, slack, rows, centre_of_mass_bend(robot))
+    return Condition("balance", q, slack, rows, centre_of_mass_bend(robot), p)

@@ -1,11 +1,11 @@
-"""Implicit constraints F(q) = 0, each written once as a CasADi expression.
+"""Implicit constraints F(q, p) = 0, each written once as a CasADi expression, with numbers p of its own.
 
 From the one expression come the value, the Jacobian, the Newton step of Algorithm 1 (compnetx.txt, section II-B), the
 batch version, the symbolic step inside whole-edge functions, and OMPL's callbacks.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +14,9 @@ import numpy as np
 from scipy.linalg import lapack
 
 from pipeline.constraints.compiled import Compiled
+from pipeline.constraints.structure import Expressions, structure_of
 from pipeline.errors import ConstraintError
+from pipeline.robots import Numbers
 
 _RANK_TOLERANCE = 1e-8  # a singular value below this share of the largest counts as zero
 _INVOLVED = 0.05  # a row's share in a combination of rows, from which on a message names it
@@ -48,9 +50,11 @@ class Constraint:
         tolerance: q counts as on the manifold when ||F(q)||_2 is below it (0.001: compnetx.txt, appendix D).
         max_iterations: of Algorithm 1 (50: compnetx.txt, appendix D).
         labels: what each row says, for messages (k,).
+        numbers: those that `expression` takes as arguments. Constraints that differ in their values only share all that
+            is made of the expression (see `Structure`).
 
     Raises:
-        ConstraintError: wrong shapes, free symbols other than q, or no positive tolerance.
+        ConstraintError: wrong shapes, free symbols other than q and numbers, or no positive tolerance.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class Constraint:
         tolerance: float = 1e-3,
         max_iterations: int = 50,
         labels: Sequence[str] = (),
+        numbers: Numbers | None = None,
     ) -> None:
         self.name = name
         self.n, self.k = q.numel(), expression.numel()
@@ -76,15 +81,11 @@ class Constraint:
             raise ConstraintError(f"constraint {name!r} has tolerance {tolerance}; it must be finite and above 0")
         if max_iterations < 1:
             raise ConstraintError(f"constraint {name!r} has {max_iterations} iterations; it needs at least 1")
-        free = [str(s) for s in ca.symvar(expression) if not ca.depends_on(q, s)]
-        if free:
-            raise ConstraintError(f"constraint {name!r} depends on symbols other than its configuration: {free}")
+        numbers = numbers or Numbers()
+        self.numbers = numbers.values
+        self.structure = structure_of(q, expression, numbers.symbols, f"constraint {name!r}")
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self._machine = False
-        self.function = ca.Function("F", [q], [ca.densify(ca.vec(expression))])
-        jacobian = ca.densify(ca.jacobian(ca.vec(expression), q))
-        self.function_jacobian = ca.Function("F_J", [q], [ca.densify(ca.vec(expression)), jacobian])
-        self._transposed = ca.Function("J", [q], [jacobian.T])
 
     @property
     def manifold_dimension(self) -> int:
@@ -103,20 +104,35 @@ class Constraint:
         for name in _EVALUATED:
             getattr(self, name)
 
+    def rows(self, q: ca.SX, numbers: Numbers) -> ca.SX:
+        """Return F as an expression (k, 1) of q (n,), for an expression that takes `numbers` as arguments."""
+        return self.structure.rows_with(q, numbers.arguments(self.numbers))
+
     def newton(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return F(q) and the next iterate q - J(q)^+ F(q) (Algorithm 1, line 6) as expressions."""
-        F, J = self.function_jacobian(q)
+        """Return F and the next iterate q - J^+ F (Algorithm 1, line 6) as expressions of q and the structure's p."""
+        F, J = self.structure.rows_and_jacobian(q)
         return F, q - J.T @ ca.solve(J @ J.T, F)
 
-    def projected(self, q: ca.SX, iterations: int) -> tuple[ca.SX, ca.SX]:
+    def projected(self, q: ca.SX, iterations: int, squared: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return Algorithm 1 unrolled: the configuration after at most `iterations` steps, and its ||F||^2.
 
-        As in the algorithm an iterate within the tolerance is left as it is.
+        As in the algorithm an iterate within the tolerance, of which `squared` is the square, is left as it is.
         """
         for _ in range(iterations):
             F, following = self.newton(q)
-            q = ca.if_else(ca.sumsqr(F) < self.tolerance**2, q, following)
-        return q, ca.sumsqr(self.function(q))
+            q = ca.if_else(ca.sumsqr(F) < squared, q, following)
+        return q, ca.sumsqr(self.structure.rows(q))
+
+    def compiled(
+        self,
+        key: tuple[Hashable, ...],
+        make: Callable[[], Expressions],
+        columns: int = 1,
+        machine: bool = False,
+        bound: Sequence[np.ndarray | float] = (),
+    ) -> Compiled:
+        """Return a function of this constraint's numbers that others of its structure share (`Structure.compiled`)."""
+        return self.structure.compiled(key, make, self.numbers, columns, machine, bound)
 
     def value(self, q: np.ndarray) -> np.ndarray:
         """Return F(q) (k,)."""
@@ -209,34 +225,42 @@ class Constraint:
 
     @cached_property
     def _value(self) -> Compiled:
-        return Compiled(self.function, self._machine)
+        return self.compiled(("F",), self._made_value, machine=self._machine)
 
     @cached_property
     def _jacobian(self) -> Compiled:
-        return Compiled(self._transposed, self._machine)
+        def make() -> Expressions:
+            q = ca.SX.sym("q", self.n)
+            return Expressions([q], [self.structure.rows_and_jacobian(q)[1].T])
+
+        return self.compiled(("J",), make, machine=self._machine)
 
     @cached_property
     def _step(self) -> Compiled:
-        return Compiled(self._newton_function, self._machine)
+        return self.compiled(("newton",), self._made_step, machine=self._machine)
 
     @cached_property
     def block(self) -> int:
         """How many configurations a batch takes at a time."""
-        return int(np.clip(_INSTRUCTIONS // self._newton_function.n_instructions(), 4, _BLOCK))
+        one = self.compiled(("newton",), self._made_step)  # whatever evaluates it: batches are the same
+        return int(np.clip(_INSTRUCTIONS // one.function.n_instructions(), 4, _BLOCK))
 
     @cached_property
     def _step_block(self) -> Compiled:
-        return Compiled(self._newton_function.map(self.block), self._machine)
+        return self.compiled(("newton",), self._made_step, self.block, self._machine)
 
     @cached_property
     def _value_block(self) -> Compiled:
-        return Compiled(self.function.map(self.block), self._machine)
+        return self.compiled(("F",), self._made_value, self.block, self._machine)
 
-    @cached_property
-    def _newton_function(self) -> ca.Function:
+    def _made_value(self) -> Expressions:
+        q = ca.SX.sym("q", self.n)
+        return Expressions([q], [self.structure.rows(q)])
+
+    def _made_step(self) -> Expressions:
         q = ca.SX.sym("q", self.n)
         F, following = self.newton(q)
-        return ca.Function("newton", [q], [ca.densify(following), ca.sumsqr(F)])
+        return Expressions([q], [following, ca.sumsqr(F)])
 
 
 def on_one_line(values: np.ndarray) -> str:

@@ -1,9 +1,9 @@
 """CasADi functions called through buffers that are allocated once: a fifth of the price of an ordinary call."""
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
-
-from pipeline.constraints.native import native
 
 
 class Compiled:
@@ -14,16 +14,19 @@ class Compiled:
 
     Args:
         function: of dense arguments and results.
-        machine: compile it where a C compiler is found (see `native`).
+        bound: values of its last arguments, which stay; they are not among `arguments`. One value serves all columns.
     """
 
-    def __init__(self, function: ca.Function, machine: bool = False) -> None:
-        self.function = (native(function) if machine else None) or function
+    def __init__(self, function: ca.Function, bound: Sequence[np.ndarray | float] = ()) -> None:
+        self.function = function
         self._buffer, self._evaluate = self.function.buffer()
         count_in, count_out = self.function.n_in(), self.function.n_out()
-        self.arguments = tuple(_array(self.function.size_in(i)) for i in range(count_in))
+        arguments = tuple(_array(self.function.size_in(i)) for i in range(count_in))
         self.results = tuple(_array(self.function.size_out(i)) for i in range(count_out))
-        for i, array in enumerate(self.arguments):
+        self.arguments, self._bound = arguments[: count_in - len(bound)], arguments[count_in - len(bound) :]
+        for array, value in zip(self._bound, bound, strict=True):
+            array[...] = value
+        for i, array in enumerate(arguments):
             self._buffer.set_arg(i, memoryview(array))  # type: ignore[call-arg, arg-type]  # casadi's stub is of C++
         for i, array in enumerate(self.results):
             self._buffer.set_res(i, memoryview(array))  # type: ignore[call-arg, arg-type]
@@ -38,11 +41,6 @@ class Compiled:
         """Evaluate at what stands in `arguments`."""
         self._evaluate()
         return self.results
-
-
-def compiled(name: str, arguments: list[ca.SX], results: list[ca.SX], machine: bool = False) -> Compiled:
-    """Return the dense function of `arguments` that gives `results`, as machine code where asked for."""
-    return Compiled(ca.Function(name, arguments, [ca.densify(result) for result in results]), machine)
 
 
 def _array(size: tuple[int, int]) -> np.ndarray:

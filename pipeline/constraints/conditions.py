@@ -2,13 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints.compiled import compiled
+from pipeline.constraints.compiled import Compiled
+from pipeline.constraints.structure import Expressions, structure_of
 from pipeline.errors import ConstraintError
+from pipeline.robots import Numbers
 
+_BLOCK = 16  # configurations that one call takes
 _HALVINGS = 8  # of a chord at most: what is left to prove falls to a quarter each time
 
 
@@ -22,9 +26,10 @@ class Condition:
         labels: what each row says (k,).
         bend: bounds |g''| of every row along chords with steps dq (C, n), as (C,); None where no bound is known: then
             chords are looked at in their ends and their middle only.
+        numbers: those that `expression` takes as arguments (see `Constraint`).
 
     Raises:
-        ConstraintError: free symbols other than q, or another number of labels than rows.
+        ConstraintError: free symbols other than q and numbers, or another number of labels than rows.
     """
 
     def __init__(
@@ -34,16 +39,50 @@ class Condition:
         expression: ca.SX,
         labels: Sequence[str],
         bend: Callable[[np.ndarray], np.ndarray] | None = None,
+        numbers: Numbers | None = None,
     ) -> None:
-        free = [str(s) for s in ca.symvar(expression) if not ca.depends_on(q, s)]
-        if free:
-            raise ConstraintError(f"condition {name!r} depends on symbols other than its configuration: {free}")
         if len(labels) != expression.numel():
             raise ConstraintError(f"condition {name!r} has {expression.numel()} rows and {len(labels)} labels")
+        numbers = numbers or Numbers()
         self.name, self.labels, self.n = name, tuple(labels), q.numel()
         self._margin, self._bend = 0.0, bend
-        self._least = compiled("least", [q], [ca.mmin(expression)])
-        self._slack = compiled("g", [q], [ca.vec(expression)])
+        self._structure = structure_of(q, expression, numbers.symbols, f"condition {name!r}")
+        self._numbers = numbers.values
+        self._least = self._compiled("least", lambda q: ca.mmin(self._structure.rows(q)))
+        self._slack = self._compiled("g", self._structure.rows)
+
+    def rows(self, q: ca.SX, numbers: Numbers) -> ca.SX:
+        """Return g as an expression (k, 1) of q (n,), for an expression that takes `numbers` as arguments."""
+        return self._structure.rows_with(q, numbers.arguments(self._numbers))
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Return dg/dq (k, n)."""
+        return self._jacobian(q)[0].reshape(len(self.labels), self.n).copy()
+
+    def slack_rows(self, Q: np.ndarray) -> np.ndarray:
+        """Return g of every row of Q (N, n) as (N, k)."""
+        found = np.empty((len(Q), len(self.labels)))
+        for first in range(0, len(Q), _BLOCK):
+            block = Q[first : first + _BLOCK]
+            self._slack_block.arguments[0][: len(block)] = block
+            result = self._slack_block.evaluate()[0].reshape(_BLOCK, -1)
+            found[first : first + _BLOCK] = result[: len(block)]
+        return found
+
+    @cached_property
+    def _jacobian(self) -> Compiled:
+        return self._compiled("dg", lambda q: self._structure.rows_and_jacobian(q)[1].T)
+
+    @cached_property
+    def _slack_block(self) -> Compiled:
+        return self._compiled("g", self._structure.rows, _BLOCK)
+
+    def _compiled(self, key: str, result: Callable[[ca.SX], ca.SX], columns: int = 1) -> Compiled:
+        def make() -> Expressions:
+            q = ca.SX.sym("q", self.n)
+            return Expressions([q], [result(q)])
+
+        return self._structure.compiled((key,), make, self._numbers, columns)
 
     @property
     def proven(self) -> bool:

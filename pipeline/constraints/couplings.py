@@ -6,7 +6,7 @@ import casadi as ca
 
 from pipeline.constraints.base import Constraint
 from pipeline.errors import ConstraintError
-from pipeline.robots import Robot
+from pipeline.robots import Numbers, Robot
 
 
 def following(robot: Robot, **settings: Any) -> Constraint:
@@ -17,7 +17,7 @@ def following(robot: Robot, **settings: Any) -> Constraint:
     """
     if not robot.followers:
         raise ConstraintError(f"no joint of robot {robot.name!r} follows another")
-    q, at = ca.SX.sym("q", robot.dimension), robot.joint_names.index
-    rows = [q[at(name)] - (f.multiplier * q[at(f.leader)] + f.offset) for name, f in robot.followers.items()]
+    q, p, at = ca.SX.sym("q", robot.dimension), Numbers(), robot.joint_names.index
+    rows = [q[at(name)] - (p(f.multiplier) * q[at(f.leader)] + p(f.offset)) for name, f in robot.followers.items()]
     labels = [f"{name} beside where {f.leader} puts it [rad or m]" for name, f in robot.followers.items()]
-    return Constraint("following joints", q, ca.vertcat(*rows), labels=labels, **settings)
+    return Constraint("following joints", q, ca.vertcat(*rows), labels=labels, numbers=p, **settings)

@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.constraints.base import Constraint
-from pipeline.constraints.compiled import compiled
 from pipeline.constraints.regions import TaskSpaceRegion
+from pipeline.constraints.structure import Expressions, structure_of
 from pipeline.constraints.turns import turns_on
-from pipeline.robots import Robot
-from pipeline.robots.symbolic import constant, rotation_vector
+from pipeline.robots import Numbers, Robot
+from pipeline.robots.symbolic import rotation_vector
 
 _ITERATIONS = 60  # from a random start; what has not converged by then has met a limit
 _DAMPING = 1e-6  # of J J^T: rows of target and constraint may say the same thing twice
@@ -21,14 +21,15 @@ _TARGET_TOLERANCE = 1e-3  # of the target's rows [m and rad]
 _NOISE = 0.2  # of the first starts near a known configuration; grows with the tries [rad or m]
 
 
-Target = Callable[[ca.SX], ca.SX]  # rows, as an expression of q (n,), that are 0 where a target is met
+# Rows that are 0 where a target is met, as an expression of q (n,) that takes numbers as arguments.
+Target = Callable[[ca.SX, Numbers], ca.SX]
 
 
 def at_pose(robot: Robot, frame: str, wanted: pin.SE3) -> Target:
     """The frame is at a pose in the world."""
 
-    def rows(q: ca.SX) -> ca.SX:
-        E = constant(wanted.inverse()) @ robot.symbolic_pose(q, frame)
+    def rows(q: ca.SX, p: Numbers) -> ca.SX:
+        E = p.pose(wanted.inverse()) @ robot.symbolic_pose(q, frame, p)
         return ca.vertcat(E.position, rotation_vector(E.rotation))
 
     return rows
@@ -37,16 +38,16 @@ def at_pose(robot: Robot, frame: str, wanted: pin.SE3) -> Target:
 def in_region(robot: Robot, frame: str, region: TaskSpaceRegion) -> Target:
     """The frame is within the region's bounds: rows are how far outside it is, and 0 all over the inside."""
 
-    def rows(q: ca.SX) -> ca.SX:
+    def rows(q: ca.SX, p: Numbers) -> ca.SX:
         # A little inside, so that what is met within the tolerance is within the bounds.
-        return region.symbolic_outside(robot.symbolic_pose(q, frame), inset=_TARGET_TOLERANCE)
+        return region.symbolic_outside(robot.symbolic_pose(q, frame, p), p, inset=_TARGET_TOLERANCE)
 
     return rows
 
 
 def with_values(values: Sequence[tuple[int, float]]) -> Target:
     """Joints, given by their index, have values [rad or m]."""
-    return lambda q: ca.vertcat(*(q[i] - value for i, value in values))
+    return lambda q, p: ca.vertcat(*(q[i] - p(value) for i, value in values))
 
 
 class InverseKinematics:
@@ -57,9 +58,15 @@ class InverseKinematics:
     """
 
     def __init__(self, robot: Robot, constraint: Constraint, target: Target) -> None:
-        q = ca.SX.sym("q", robot.dimension)
-        rows = ca.vertcat(constraint.function(q), target(q))
-        self._rows = compiled("rows", [q], [rows, ca.jacobian(rows, q).T])
+        q, p = ca.SX.sym("q", robot.dimension), Numbers()
+        rows = ca.vertcat(constraint.rows(q, p), target(q, p))
+        structure = structure_of(q, rows, p.symbols, "the target")
+
+        def make() -> Expressions:
+            F, J = structure.rows_and_jacobian(q)
+            return Expressions([q], [F, J.T])
+
+        self._rows = structure.compiled(("rows",), make, p.values)
         self.robot, self.constraint, self.turns = robot, constraint, turns_on(constraint, robot)
         self.tried = 0  # by `solutions`
         self.nearest: tuple[float, float] | None = None  # of all tries: ||rows|| of the target, and of the constraint

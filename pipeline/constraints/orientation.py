@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from pipeline.robots import Numbers
 from pipeline.robots.symbolic import direction_error, roll_pitch_yaw, rotation_vector
 
 ROLL, PITCH, YAW = range(3)
@@ -46,17 +47,17 @@ class AngleBounds:
         beyond = np.linalg.norm(np.maximum(np.abs(apart) - self.half, 0.0), axis=1)
         return np.asarray(self.middle + apart[1 if beyond[1] < beyond[0] else 0])
 
-    def symbolic_nearest(self, R: ca.SX) -> ca.SX:
-        """Return `nearest` as an expression (3,); singular where the pitch is a quarter turn."""
-        found = []
+    def symbolic_nearest(self, R: ca.SX, numbers: Numbers) -> ca.SX:
+        """Return `nearest` as an expression (3,) with the bounds as numbers; singular at a quarter turn of pitch."""
+        found, half = [], numbers(self.half)
         for sign, turn in zip(*_EQUAL, strict=True):
-            apart = ca.DM(sign) * roll_pitch_yaw(R) + ca.DM(turn - self.middle)
+            apart = ca.DM(sign) * roll_pitch_yaw(R) + numbers(turn - self.middle)
             apart = ca.atan2(ca.sin(apart), ca.cos(apart))
-            found.append((apart, ca.sumsqr(ca.fmax(ca.fabs(apart) - ca.DM(self.half), 0))))
+            found.append((apart, ca.sumsqr(ca.fmax(ca.fabs(apart) - half, 0))))
         (first, beyond), (second, beyond_second) = found
-        return ca.DM(self.middle) + ca.if_else(beyond_second < beyond, second, first)
+        return numbers(self.middle) + ca.if_else(beyond_second < beyond, second, first)
 
-    def symbolic_turn(self, R: ca.SX) -> tuple[ca.SX, list[int]]:
+    def symbolic_turn(self, R: ca.SX, numbers: Numbers) -> tuple[ca.SX, list[int]]:
         """Return rows that are 0 where the fixed angles are met, whatever the free ones are, and the angle of each row.
 
         Their length is the smallest angle by which the orientation must be turned to meet them [rad]. So they are
@@ -67,54 +68,57 @@ class AngleBounds:
         which = [angle for angle in (ROLL, PITCH, YAW) if self.fixed[angle]]
         down, ahead = R[2, :].T, R[:, 0]  # the region's z axis seen from the frame, the frame's x axis from the region
         if which == [ROLL, PITCH, YAW]:
-            E = ca.DM(_rotation("z", -yaw)) @ R @ ca.DM(_rotation("x", -roll) @ _rotation("y", -pitch))
+            E = numbers(_rotation("z", -yaw)) @ R @ numbers(_rotation("x", -roll) @ _rotation("y", -pitch))
             return rotation_vector(E), which
         if which == [ROLL, YAW]:  # what is left is a turn about y
-            E = ca.DM(_rotation("z", -yaw)) @ R @ ca.DM(_rotation("x", -roll))
-            return direction_error(E[:, 1], np.eye(3)[1], np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])), which
+            E = numbers(_rotation("z", -yaw)) @ R @ numbers(_rotation("x", -roll))
+            across = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+            return direction_error(E[:, 1], np.eye(3)[1], across, numbers), which
         if which == [ROLL, PITCH]:
             held = _rotation("y", pitch) @ _rotation("x", roll)
             sideways = np.array([0.0, np.cos(roll), -np.sin(roll)])
-            return direction_error(down, held[2], np.stack([sideways, np.cross(held[2], sideways)])), which
+            return direction_error(down, held[2], np.stack([sideways, np.cross(held[2], sideways)]), numbers), which
         if which == [PITCH, YAW]:
             held = _rotation("z", yaw) @ _rotation("y", pitch)
             sideways = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-            return direction_error(ahead, held[:, 0], np.stack([np.cross(sideways, held[:, 0]), sideways])), which
+            across = np.stack([np.cross(sideways, held[:, 0]), sideways])
+            return direction_error(ahead, held[:, 0], across, numbers), which
         if which == [ROLL]:
-            return _elevation(down, np.array([0.0, np.cos(roll), -np.sin(roll)])), which
+            return _elevation(down, numbers(np.array([0.0, np.cos(roll), -np.sin(roll)]))), which
         if which == [YAW]:
-            return _elevation(ahead, np.array([-np.sin(yaw), np.cos(yaw), 0.0])), which
+            return _elevation(ahead, numbers(np.array([-np.sin(yaw), np.cos(yaw), 0.0]))), which
         if self.at_quarter_turn:  # roll and yaw are one, and free: an axis has a direction, which is two rows
-            return direction_error(down, np.array([-np.sign(np.sin(pitch)), 0.0, 0.0])), [PITCH, PITCH]
+            return direction_error(down, np.array([-np.sign(np.sin(pitch)), 0.0, 0.0]), None, numbers), [PITCH, PITCH]
         side = np.sign(np.cos(pitch))
-        return side * (roll_pitch_yaw(R)[PITCH] - np.arcsin(np.sin(pitch))), which
+        return side * (roll_pitch_yaw(R)[PITCH] - numbers(np.arcsin(np.sin(pitch)))), which
 
     @property
     def at_quarter_turn(self) -> bool:
         """Whether the pitch is fixed at a quarter turn, where roll and yaw are one."""
         return bool(self.fixed[PITCH] and abs(np.cos(self.middle[PITCH])) < _FIXED_ONE)
 
-    def symbolic_beyond(self, R: ca.SX, inset: float) -> ca.SX:
+    def symbolic_beyond(self, R: ca.SX, inset: float, numbers: Numbers) -> ca.SX:
         """Return rows that are how far an orientation is outside of the bounds [rad], and 0 all over the inside.
 
         Args:
             R: orientation (3, 3).
             inset: by which intervals are made smaller at both ends [rad], as far as they are that wide.
+            numbers: takes the bounds.
         """
         if all(self.fixed | self.free):
-            return self.symbolic_turn(R)[0] if any(self.fixed) else ca.SX(0, 1)
+            return self.symbolic_turn(R, numbers)[0] if any(self.fixed) else ca.SX(0, 1)
         half = self.half - np.minimum(inset, self.half)
         if self.at_quarter_turn:
             side = np.sign(np.sin(self.middle[PITCH]))
-            rows = direction_error(R[2, :].T, np.array([-side, 0.0, 0.0]))
+            rows = direction_error(R[2, :].T, np.array([-side, 0.0, 0.0]), None, numbers)
             if self.free[ROLL] or self.free[YAW]:
                 return rows
             turn = ca.atan2(side * R[1, 2] - R[0, 1], R[1, 1] + side * R[0, 2])  # yaw less, or plus, roll
-            turn -= self.middle[YAW] - side * self.middle[ROLL]
+            turn -= numbers(self.middle[YAW] - side * self.middle[ROLL])
             turn = ca.atan2(ca.sin(turn), ca.cos(turn))
-            return ca.vertcat(rows, _outside(turn, max(self.half[ROLL] + self.half[YAW] - inset, 0.0)))
-        apart = self.symbolic_nearest(R) - ca.DM(self.middle)
-        return ca.vertcat(*(_outside(apart[i], half[i]) for i in (ROLL, PITCH, YAW) if not self.free[i]))
+            return ca.vertcat(rows, _outside(turn, max(self.half[ROLL] + self.half[YAW] - inset, 0.0), numbers))
+        apart = self.symbolic_nearest(R, numbers) - numbers(self.middle)
+        return ca.vertcat(*(_outside(apart[i], half[i], numbers) for i in (ROLL, PITCH, YAW) if not self.free[i]))
 
     def _at_a_quarter_turn(self, R: np.ndarray, pitch: float) -> np.ndarray:
         """Return roll, pitch and yaw (3,) from the middle of the bounds where only yaw -/+ roll is known."""
@@ -137,14 +141,17 @@ def finite_turn(low: float, high: float) -> tuple[float, float]:
     return (high - 2 * np.pi, high) if np.isfinite(high) else (-np.pi, np.pi)
 
 
-def _outside(apart: ca.SX, half: float) -> ca.SX:
+def _outside(apart: ca.SX, half: float, numbers: Numbers) -> ca.SX:
     """How far a difference from a middle is beyond half a width, with its sign."""
-    return apart if half == 0 else ca.fmax(apart - half, 0) + ca.fmin(apart + half, 0)
+    if half == 0:
+        return apart
+    width = numbers(half)
+    return ca.fmax(apart - width, 0) + ca.fmin(apart + width, 0)
 
 
-def _elevation(direction: ca.SX, normal: np.ndarray) -> ca.SX:
+def _elevation(direction: ca.SX, normal: ca.SX) -> ca.SX:
     """The angle between a unit vector and the plane across a normal."""
-    sine = ca.dot(ca.DM(normal), direction)
+    sine = ca.dot(normal, direction)
     return ca.atan2(sine, ca.sqrt(ca.fmax(1 - sine**2, 0) + _SMALL))
 
 

@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from pipeline.constraints.base import Constraint
 from pipeline.errors import ConstraintError
-from pipeline.robots import Robot
-from pipeline.robots.symbolic import constant, direction_error, perpendicular, rotation_vector
+from pipeline.robots import Numbers, Robot
+from pipeline.robots.symbolic import direction_error, perpendicular, rotation_vector
 
 
 def upright(
@@ -33,10 +33,11 @@ def upright(
         **settings: tolerance and max_iterations of `Constraint`.
     """
     wanted, held = unit(direction, "direction"), unit(axis, "axis")
-    q = ca.SX.sym("q", robot.dimension)
-    R, _ = robot.symbolic_pose(q, frame)
+    q, p = ca.SX.sym("q", robot.dimension), Numbers()
+    R, _ = robot.symbolic_pose(q, frame, p)
     rows = [f"tilt of {frame} about {np.round(edge, 3).tolist()} [rad]" for edge in perpendicular(wanted)]
-    return Constraint(f"upright {frame}", q, direction_error(R @ ca.DM(held), wanted), labels=rows, **settings)
+    expression = direction_error(R @ p(held), wanted, numbers=p)
+    return Constraint(f"upright {frame}", q, expression, labels=rows, numbers=p, **settings)
 
 
 def plane(
@@ -44,10 +45,11 @@ def plane(
 ) -> Constraint:
     """Keep the origin of a frame on the plane through `point` [m, world]; horizontal by default: a height (1 row)."""
     n = unit(normal, "normal")
-    q = ca.SX.sym("q", robot.dimension)
-    _, p = robot.symbolic_pose(q, frame)
+    q, p = ca.SX.sym("q", robot.dimension), Numbers()
+    place = robot.symbolic_pose(q, frame, p).position
     rows = [f"distance of {frame} from the plane [m]"]
-    return Constraint(f"plane of {frame}", q, ca.dot(ca.DM(n), p - ca.DM(_vector(point))), labels=rows, **settings)
+    expression = ca.dot(p(n), place - p(_vector(point)))
+    return Constraint(f"plane of {frame}", q, expression, labels=rows, numbers=p, **settings)
 
 
 def height(robot: Robot, frame: str, value: float, **settings: Any) -> Constraint:
@@ -58,19 +60,19 @@ def height(robot: Robot, frame: str, value: float, **settings: Any) -> Constrain
 def line(robot: Robot, frame: str, point: Sequence[float], direction: Sequence[float], **settings: Any) -> Constraint:
     """Keep the origin of a frame on the line through `point` [m] along `direction`, both in the world (2 rows)."""
     across = perpendicular(unit(direction, "direction"))
-    q = ca.SX.sym("q", robot.dimension)
-    _, p = robot.symbolic_pose(q, frame)
+    q, p = ca.SX.sym("q", robot.dimension), Numbers()
+    place = robot.symbolic_pose(q, frame, p).position
     rows = [f"offset of {frame} from the line along {np.round(edge, 3).tolist()} [m]" for edge in across]
-    expression = ca.SX(ca.DM(across)) @ (p - ca.DM(_vector(point)))
-    return Constraint(f"line of {frame}", q, expression, labels=rows, **settings)
+    expression = p(across) @ (place - p(_vector(point)))
+    return Constraint(f"line of {frame}", q, expression, labels=rows, numbers=p, **settings)
 
 
 def position(robot: Robot, frame: str, point: Sequence[float], **settings: Any) -> Constraint:
     """Keep the origin of a frame at a point of the world [m] (3 rows)."""
-    q = ca.SX.sym("q", robot.dimension)
-    _, p = robot.symbolic_pose(q, frame)
+    q, p = ca.SX.sym("q", robot.dimension), Numbers()
+    place = robot.symbolic_pose(q, frame, p).position
     rows = [f"{axis} of {frame} [m]" for axis in "xyz"]
-    return Constraint(f"position of {frame}", q, p - ca.DM(_vector(point)), labels=rows, **settings)
+    return Constraint(f"position of {frame}", q, place - p(_vector(point)), labels=rows, numbers=p, **settings)
 
 
 def closed_chain(robot: Robot, frame: str, other: str, relative: pin.SE3, **settings: Any) -> Constraint:
@@ -80,13 +82,13 @@ def closed_chain(robot: Robot, frame: str, other: str, relative: pin.SE3, **sett
     """
     if frame == other:
         raise ConstraintError(f"a closed chain joins two frames; both are {frame!r}")
-    q = ca.SX.sym("q", robot.dimension)
-    E = (robot.symbolic_pose(q, frame) @ constant(relative)).inverse() @ robot.symbolic_pose(q, other)
+    q, p = ca.SX.sym("q", robot.dimension), Numbers()
+    E = (robot.symbolic_pose(q, frame, p) @ p.pose(relative)).inverse() @ robot.symbolic_pose(q, other, p)
     rows = [f"{axis} of {other} in {frame} [m]" for axis in "xyz"] + [
         f"turn of {other} about {axis} of {frame} [rad]" for axis in "xyz"
     ]
     expression = ca.vertcat(E.position, rotation_vector(E.rotation))
-    return Constraint(f"closed chain {frame} - {other}", q, expression, labels=rows, **settings)
+    return Constraint(f"closed chain {frame} - {other}", q, expression, labels=rows, numbers=p, **settings)
 
 
 def pose(robot: Robot, frame: str, wanted: pin.SE3, **settings: Any) -> Constraint:
@@ -105,14 +107,15 @@ def intersection(*constraints: Constraint, name: str = "") -> Constraint:
     sizes = {c.name: c.n for c in constraints}
     if len(set(sizes.values())) > 1:
         raise ConstraintError(f"an intersection needs constraints on the same variables; they have {sizes}")
-    q = ca.SX.sym("q", constraints[0].n)
+    q, p = ca.SX.sym("q", constraints[0].n), Numbers()
     return Constraint(
         name or " and ".join(c.name for c in constraints),
         q,
-        ca.vertcat(*(c.function(q) for c in constraints)),
+        ca.vertcat(*(c.rows(q, p) for c in constraints)),
         tolerance=min(c.tolerance for c in constraints),
         max_iterations=max(c.max_iterations for c in constraints),
         labels=[label for c in constraints for label in c.labels],
+        numbers=p,
     )
 
 

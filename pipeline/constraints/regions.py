@@ -14,8 +14,8 @@ from pipeline.constraints.base import Constraint
 from pipeline.constraints.orientation import AngleBounds, finite_turn
 from pipeline.constraints.poses import closed_chain
 from pipeline.errors import ConstraintError
-from pipeline.robots import IDENTITY, Placement, Robot
-from pipeline.robots.symbolic import Pose, constant
+from pipeline.robots import IDENTITY, Numbers, Placement, Robot
+from pipeline.robots.symbolic import Pose
 from pipeline.robots.virtual import DIRECTIONS, VirtualFrame, VirtualJoint, with_virtual_chain
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -119,39 +119,43 @@ class TaskSpaceRegion:
             )
         if not any(self.fixed):
             raise ConstraintError(f"the region of {frame!r} fixes no dimension: there is no constraint")
-        q = ca.SX.sym("q", robot.dimension)
-        T = self._inside(robot.symbolic_pose(q, frame))
+        q, p = ca.SX.sym("q", robot.dimension), Numbers()
+        T = self._inside(robot.symbolic_pose(q, frame, p), p)
         places = [i for i in range(3) if self.fixed[i]]
-        values = [T.position[i] - self.lower[i] for i in places]
+        values = [T.position[i] - p(self.lower[i]) for i in places]
         if any(self.fixed[3:]):
-            turn, angles = self._angles.symbolic_turn(T.rotation)
+            turn, angles = self._angles.symbolic_turn(T.rotation, p)
             values, places = [*values, turn], [*places, *(3 + angle for angle in angles)]
         labels = [f"{AXES[i]} of {frame} in the region [{_UNITS[i]}]" for i in places]
-        return Constraint(f"region of {frame}", q, ca.vertcat(*values), labels=labels, **settings)
+        return Constraint(f"region of {frame}", q, ca.vertcat(*values), labels=labels, numbers=p, **settings)
 
-    def symbolic_outside(self, T: Pose, inset: float = 0.0) -> ca.SX:
+    def symbolic_outside(self, T: Pose, numbers: Numbers, inset: float = 0.0) -> ca.SX:
         """Return rows that are how far a pose of e in the world is outside of the bounds [m, rad]; 0 inside.
 
         Args:
             T: the pose.
+            numbers: takes places and bounds.
             inset: by which intervals are made smaller at both ends [m, rad], as far as they are that wide.
         """
-        T_w, rows = self._inside(T), []
+        T_w, rows = self._inside(T, numbers), []
         for i in [i for i in range(3) if not self.free[i]]:
             value, low, high = T_w.position[i], self.lower[i], self.upper[i]
+            if low == high:
+                rows.append(value - numbers(low))
+                continue
             kept = min(inset, (high - low) / 2)
-            above = ca.fmax(value - (high - kept), 0) if high < np.inf else 0
-            below = ca.fmin(value - (low + kept), 0) if low > -np.inf else 0
-            rows.append(value - low if low == high else above + below)
-        return ca.vertcat(*rows, self._angles.symbolic_beyond(T_w.rotation, inset))
+            above = ca.fmax(value - numbers(high - kept), 0) if high < np.inf else 0
+            below = ca.fmin(value - numbers(low + kept), 0) if low > -np.inf else 0
+            rows.append(above + below)
+        return ca.vertcat(*rows, self._angles.symbolic_beyond(T_w.rotation, inset, numbers))
 
     @cached_property
     def _angles(self) -> AngleBounds:
         return AngleBounds(self.lower[3:], self.upper[3:])
 
-    def _inside(self, T: Pose) -> Pose:
+    def _inside(self, T: Pose, numbers: Numbers) -> Pose:
         """Return a pose of e in the world, less its offset, in w."""
-        return constant(self.origin.se3().inverse()) @ T @ constant(self.offset.se3().inverse())
+        return numbers.pose(self.origin.se3().inverse()) @ T @ numbers.pose(self.offset.se3().inverse())
 
 
 @dataclass(frozen=True)

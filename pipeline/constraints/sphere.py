@@ -4,7 +4,7 @@ import casadi as ca
 
 from pipeline.constraints.base import Constraint
 from pipeline.errors import ConstraintError
-from pipeline.robots import Robot
+from pipeline.robots import Numbers, Robot
 
 
 def sphere_constraint(
@@ -20,6 +20,6 @@ def sphere_constraint(
     """
     if not radius > 0:
         raise ConstraintError(f"sphere radius is {radius} m; it must be above 0 m")
-    q = ca.SX.sym("q", robot.dimension)
-    _, position = robot.symbolic_pose(q, frame)
-    return Constraint("sphere", q, ca.norm_2(position) - radius, tolerance, max_iterations)
+    q, p = ca.SX.sym("q", robot.dimension), Numbers()
+    position = robot.symbolic_pose(q, frame, p).position
+    return Constraint("sphere", q, ca.norm_2(position) - p(radius), tolerance, max_iterations, numbers=p)

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from pipeline.constraints import Constraint
 from pipeline.environments.task import Task
 from pipeline.errors import ConstraintError, ProblemError, require
-from pipeline.robots import Robot, UrdfRobot, Validity, point_robot
+from pipeline.robots import Numbers, Robot, UrdfRobot, Validity, point_robot
 from pipeline.verification.statement import Mazed, OnTorus, Point, Statement
 
 MAJOR, MINOR = 2.0, 1.0  # radii of OMPL's example [m]
@@ -36,16 +36,17 @@ def torus_constraint(
     """
     if not 0 < minor < major < np.inf:
         raise ConstraintError(f"a torus has 0 < minor < major; minor is {minor} m, major {major} m")
-    q = ca.SX.sym("q", robot.dimension)
-    p = robot.symbolic_pose(q, frame).position
-    ring = ca.sqrt(p[0] ** 2 + p[1] ** 2) - major
+    q, numbers = ca.SX.sym("q", robot.dimension), Numbers()
+    p = robot.symbolic_pose(q, frame, numbers).position
+    ring = ca.sqrt(p[0] ** 2 + p[1] ** 2) - numbers(major)
     return Constraint(
         "torus",
         q,
-        ca.sqrt(ring**2 + p[2] ** 2) - minor,
+        ca.sqrt(ring**2 + p[2] ** 2) - numbers(minor),
         tolerance,
         max_iterations,
         [f"distance of {frame} from the torus [m]"],
+        numbers,
     )
 
 

@@ -8,15 +8,16 @@ step-by-step algorithm.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Constraint, turns_on
+from pipeline.constraints import Compiled, Constraint, Expressions, turns_on
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds.chords import ChordProof
 from pipeline.manifolds.deadline import Deadline
@@ -149,6 +150,34 @@ class Refined:
     invalid: int | None
 
 
+class Bounds(NamedTuple):
+    """What edge functions hold states against, as symbols.
+
+    Attributes:
+        squared: the square of the tolerance of ||F||.
+        limited: which variables have limits.
+        limits: their lower and upper ones, as two vectors; none where there are none.
+    """
+
+    squared: ca.SX
+    limited: list[int]
+    limits: list[ca.SX]
+
+    @classmethod
+    def symbols(cls, limited: np.ndarray) -> "Bounds":
+        """Return symbols for a robot of whose variables these have limits (m,)."""
+        limits = [ca.SX.sym(name, len(limited)) for name in ("lower", "upper") if len(limited)]
+        return cls(ca.SX.sym("squared"), limited.tolist(), limits)
+
+    def inside(self, q: ca.SX) -> ca.SX:
+        """Expression: 1 when q (n,) is within the limits."""
+        if not self.limits:
+            return ca.SX(1)
+        lower, upper = self.limits
+        kept = q[self.limited]
+        return ca.logic_and(ca.mmin(kept - lower) >= 0, ca.mmin(upper - kept) >= 0)
+
+
 class Adherence(ABC):
     """A manifold made walkable: constraint, validity and parameters in one object. Lives in one process.
 
@@ -178,6 +207,7 @@ class Adherence(ABC):
         rows = list(enumerate(self._shares, start=1))  # of a chord, see `_chord`
         self._near = [row for row, share in rows if share < 0.5]  # the half at the state where it begins
         self._far = [row for row, share in rows if share >= 0.5]
+        self._limited = np.flatnonzero(np.isfinite(self.lower))  # variables that do not turn
         self._proof: ChordProof | None = None
         self._look(validity)
 
@@ -397,13 +427,24 @@ class Adherence(ABC):
         """Expressions of the points to check between two states, and the second state, as columns: worst first."""
         return [following, *(q + share * (following - q) for share in self._shares)]
 
-    def _inside(self, q: ca.SX) -> ca.SX:
-        """Expression: 1 when q is within the bounds."""
-        limited = np.flatnonzero(np.isfinite(self.lower)).tolist()  # without joints that turn
-        if not limited:
-            return ca.SX(1)
-        low, high, kept = self.lower[limited], self.upper[limited], q[limited]
-        return ca.logic_and(ca.mmin(kept - low) >= 0, ca.mmin(high - kept) >= 0)
+    def _compiled(self, name: str, make: Callable[[Bounds], Expressions]) -> Compiled:
+        """Return a function that other tasks of the same structure share: of bounds it knows only that there are some.
+
+        Args:
+            name: of the function; it may depend on the parameters.
+            make: returns its arguments and results, given the symbols of the bounds.
+        """
+
+        def bounded() -> Expressions:
+            bounds = Bounds.symbols(self._limited)
+            arguments, results = make(bounds)
+            return Expressions([*arguments, bounds.squared, *bounds.limits], results)
+
+        values: list[np.ndarray | float] = [self.constraint.tolerance**2]
+        if len(self._limited):
+            values += [self.lower[self._limited], self.upper[self._limited]]
+        key = (name, self.parameters, tuple(self._limited.tolist()))
+        return self.constraint.compiled(key, bounded, machine=self.parameters.native, bound=values)
 
 
 def length(v: np.ndarray) -> float:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Compiled, Constraint, compiled
+from pipeline.constraints import Constraint, Expressions
 from pipeline.manifolds.atlas import Atlas, AtlasParameters, Chart
-from pipeline.manifolds.base import Adherence, Stop, Traversal, first_code, length
+from pipeline.manifolds.base import Adherence, Bounds, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
 _SAMPLE_BLOCK = 64  # samples at most that are drawn and lifted together, before the atlas grows over the first of them
@@ -26,20 +26,12 @@ class ContinuationAdherence(Adherence):
         self.parameters: AtlasParameters = parameters
         self.atlas = Atlas(constraint, parameters, self.turns)
         self._charts: dict[bytes, Chart] = {}  # of states that walks began or ended at
-        self._edge = compiled(
-            f"{'bundle' if self.lazy else 'atlas'}_edge", *self._edge_expressions(), parameters.native
-        )
-        origin, tangent, normal, u = self._chart_symbols()
-        q, _, violation = self._exponential(
-            origin + tangent @ u, normal, ca.SX.zeros(constraint.k), 3 * parameters.newton_steps
-        )
-        base, y = ca.SX.sym("base", constraint.n), ca.SX.sym("y", constraint.k)
-        F, J = constraint.function_jacobian(base + normal @ y)
-        lift = ca.Function("lift", [base, normal, y], [ca.sumsqr(F), ca.densify(y - ca.solve(J @ normal, F))])
+        self._edge = self._compiled(f"{'bundle' if self.lazy else 'atlas'}_edge", self._edge_expressions)
+        self._psi = self._compiled("psi", self._psi_expressions)
         self._lift_few, self._lift_many = (
-            Compiled(lift.map(size), parameters.native) for size in (_SAMPLE_BLOCK, _LIFT_BLOCK)
+            constraint.compiled(("lift",), self._lift_expressions, size, parameters.native)
+            for size in (_SAMPLE_BLOCK, _LIFT_BLOCK)
         )
-        self._psi = compiled("psi", [origin, tangent, normal, u], [q, violation], parameters.native)
 
     def reset(self, validity: Validity | None = None) -> None:
         """Forget the last problem and its charts."""
@@ -206,19 +198,34 @@ class ContinuationAdherence(Adherence):
         n, k = self.constraint.n, self.constraint.k
         return ca.SX.sym("origin", n), ca.SX.sym("tangent", n, n - k), ca.SX.sym("normal", n, k), ca.SX.sym("u", n - k)
 
-    def _exponential(self, base: ca.SX, normal: ca.SX, y: ca.SX, iterations: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _lift_expressions(self) -> Expressions:
+        """One Newton step along the normal of a chart: ||F||^2 before it, and the height after it."""
+        n, k, structure = self.constraint.n, self.constraint.k, self.constraint.structure
+        base, normal, y = ca.SX.sym("base", n), ca.SX.sym("normal", n, k), ca.SX.sym("y", k)
+        F, J = structure.rows_and_jacobian(base + normal @ y)
+        return Expressions([base, normal, y], [ca.sumsqr(F), y - ca.solve(J @ normal, F)])
+
+    def _psi_expressions(self, bounds: Bounds) -> Expressions:
+        origin, tangent, normal, u = self._chart_symbols()
+        iterations, flat = 3 * self.parameters.newton_steps, ca.SX.zeros(self.constraint.k)
+        q, _, violation = self._exponential(origin + tangent @ u, normal, flat, iterations, bounds.squared)
+        return Expressions([origin, tangent, normal, u], [q, violation])
+
+    def _exponential(
+        self, base: ca.SX, normal: ca.SX, y: ca.SX, iterations: int, squared: ca.SX
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Solve eq. (3) from phi(u) = base: Newton on F(base + N y) = 0, which keeps Phi^T (q - base) = 0 by itself.
 
         Returns q, y and ||F(q)||^2.
         """
-        tolerance = self.constraint.tolerance**2
+        structure = self.constraint.structure
         for _ in range(iterations):
-            F, J = self.constraint.function_jacobian(base + normal @ y)
-            y = ca.if_else(ca.sumsqr(F) < tolerance, y, y - ca.solve(J @ normal, F))
+            F, J = structure.rows_and_jacobian(base + normal @ y)
+            y = ca.if_else(ca.sumsqr(F) < squared, y, y - ca.solve(J @ normal, F))
         q = base + normal @ y
-        return q, y, ca.sumsqr(self.constraint.function(q))
+        return q, y, ca.sumsqr(structure.rows(q))
 
-    def _edge_expressions(self) -> tuple[list[ca.SX], list[ca.SX]]:
+    def _edge_expressions(self, bounds: Bounds) -> Expressions:
         """Steps along a straight line in one chart, with the code of the first condition that ends each."""
         constraint, parameters = self.constraint, self.parameters
         gamma = parameters.step
@@ -237,10 +244,10 @@ class ContinuationAdherence(Adherence):
                 converged = ca.SX(1)
                 # Algorithm 4, line 16, prints |phi(u_i) - q_i| > epsilon, which is 0 there: what can leave epsilon is
                 # the distance to the manifold, here to first order |F|.
-                gap = ca.norm_2(constraint.function(base))
+                gap = ca.norm_2(constraint.structure.rows(base))
             else:
-                following, y, violation = self._exponential(base, normal, y, parameters.newton_steps)
-                converged = violation < constraint.tolerance**2
+                following, y, violation = self._exponential(base, normal, y, parameters.newton_steps, bounds.squared)
+                converged = violation < bounds.squared
                 gap = ca.norm_2(following - base)
             d, d2 = ca.norm_2(following - q), ca.norm_2(target - following)
             D = D + d
@@ -257,7 +264,7 @@ class ContinuationAdherence(Adherence):
                         (d > parameters.leap * gamma, Stop.LEAP),
                         (d < parameters.epsilon, Stop.STALLED),
                         (D > longest, Stop.WANDERED),
-                        (ca.logic_not(self._inside(following)), Stop.OUT_OF_BOUNDS),
+                        (ca.logic_not(bounds.inside(following)), Stop.OUT_OF_BOUNDS),
                         (left, Stop.LEFT_CHART),
                         (ca.norm_2(u_target - u_next) <= gamma, Stop.ARRIVED),
                     ]
@@ -270,7 +277,7 @@ class ContinuationAdherence(Adherence):
             q = following
         arguments = [origin, tangent, normal, u, q_from, target, u_target, way, longest]
         columns = [ca.vertcat(*codes), ca.vertcat(*ways), ca.vertcat(*gaps)]
-        return arguments, [ca.horzcat(*points), ca.horzcat(*coordinates), *columns]
+        return Expressions(arguments, [ca.horzcat(*points), ca.horzcat(*coordinates), *columns])
 
 
 class AtlasAdherence(ContinuationAdherence):

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from pipeline.constraints import Compiled
-from pipeline.robots import Robot
+from pipeline.constraints import Expressions, structure_of
+from pipeline.robots import Numbers, Robot
 from pipeline.robots.order import revolute
 
 _BLOCK = 16  # states that one call of the kinematics takes
@@ -97,9 +97,9 @@ class _Poses:
     """Poses of joints' frames as other joints see them, at many configurations at once."""
 
     def __init__(self, robot: Robot, views: list[tuple[int, int]], native: bool) -> None:
-        q = ca.SX.sym("q", robot.dimension)
+        q, p = ca.SX.sym("q", robot.dimension), Numbers()
         joints = sorted({joint for pair in views for joint in pair})
-        placed = dict(zip(joints, robot.symbolic_joint_poses(q, joints), strict=True))
+        placed = dict(zip(joints, robot.symbolic_joint_poses(q, joints, p), strict=True))
         poses = [
             placed[seen_from].inverse() @ placed[joint] if seen_from else placed[joint] for seen_from, joint in views
         ]
@@ -107,8 +107,10 @@ class _Poses:
         self._count = len(views)
         if not views:
             return
-        function = ca.Function("poses", [q], [ca.densify(ca.vertcat(*columns))])
-        self._function = Compiled(function.map(_BLOCK), native)
+        structure = structure_of(q, ca.vertcat(*columns), p.symbols, f"robot {robot.name!r}")
+        self._function = structure.compiled(
+            ("poses",), lambda: Expressions([q], [structure.rows(q)]), p.values, _BLOCK, native
+        )
         self._input = self._function.arguments[0].reshape(_BLOCK, -1)
         self._output = self._function.results[0].reshape(_BLOCK, -1)
 

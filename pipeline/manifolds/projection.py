@@ -3,8 +3,8 @@
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Constraint, compiled
-from pipeline.manifolds.base import Adherence, AdherenceParameters, Stop, Traversal, first_code, length
+from pipeline.constraints import Constraint, Expressions
+from pipeline.manifolds.base import Adherence, AdherenceParameters, Bounds, Stop, Traversal, first_code, length
 from pipeline.robots import Validity
 
 
@@ -17,17 +17,21 @@ class ProjectionAdherence(Adherence):
 
     def __init__(self, constraint: Constraint, validity: Validity, parameters: AdherenceParameters) -> None:
         super().__init__(constraint, validity, parameters)
-        n, gamma = constraint.n, parameters.step
+        self._edge = self._compiled("projection_edge", self._edge_expressions)
+
+    def _edge_expressions(self, bounds: Bounds) -> Expressions:
+        constraint, parameters = self.constraint, self.parameters
+        n, gamma, squared = constraint.n, parameters.step, bounds.squared
         x, target = ca.SX.sym("x", n), ca.SX.sym("target", n)
         way, longest = ca.SX.sym("way"), ca.SX.sym("longest")
         points, codes, ways, q, D = [], [], [], x, way
         for _ in range(parameters.lookahead):
             d1 = ca.norm_2(target - q)
-            following, violation = constraint.projected(q + gamma * (target - q) / d1, parameters.newton_steps)
+            following, violation = constraint.projected(q + gamma * (target - q) / d1, parameters.newton_steps, squared)
             d = ca.norm_2(following - q)
             d2 = ca.norm_2(target - following)
             D = D + d
-            converged = violation < constraint.tolerance**2
+            converged = violation < squared
             codes.append(
                 first_code(
                     [
@@ -35,7 +39,7 @@ class ProjectionAdherence(Adherence):
                         (d2 > d1, Stop.AWAY),
                         (d > parameters.leap * gamma, Stop.LEAP),
                         (D > longest, Stop.WANDERED),
-                        (ca.logic_not(self._inside(following)), Stop.OUT_OF_BOUNDS),
+                        (ca.logic_not(bounds.inside(following)), Stop.OUT_OF_BOUNDS),
                         (d2 <= gamma, Stop.ARRIVED),
                     ]
                 )
@@ -43,12 +47,8 @@ class ProjectionAdherence(Adherence):
             points += self._chord(q, following)
             ways.append(D)
             q = following
-        self._edge = compiled(
-            "projection_edge",
-            [x, target, way, longest],
-            [ca.horzcat(*points), ca.vertcat(*codes), ca.vertcat(*ways)],
-            parameters.native,
-        )
+        results = [ca.horzcat(*points), ca.vertcat(*codes), ca.vertcat(*ways)]
+        return Expressions([x, target, way, longest], results)
 
     def traverse(
         self, q_from: np.ndarray, q_to: np.ndarray, max_states: int | None = None, land: bool = True

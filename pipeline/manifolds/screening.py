@@ -5,7 +5,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from pipeline.constraints import Compiled, Constraint
+from pipeline.constraints import Compiled, Constraint, Expressions
 from pipeline.robots import Validity
 
 POINTS = 15  # of an edge at most, one every sixteenth
@@ -29,16 +29,12 @@ class Screen:
     def __init__(self, constraint: Constraint, newton_steps: int, resolution: float, native: bool) -> None:
         self._constraint = constraint
         self._halves = resolution * np.array([2.0, 4.0, 8.0])
-        q_from, q_to = ca.SX.sym("q_from", constraint.n), ca.SX.sym("q_to", constraint.n)
-        lines = [q_from + share / (POINTS + 1) * (q_to - q_from) for share in range(1, POINTS + 1)]
-        found = [constraint.projected(q, min(newton_steps, 3)) for q in lines]
-        stations = [q_from, *(q for q, _ in found), q_to]
-        way = sum((ca.norm_2(b - a) for a, b in pairwise(stations)), ca.SX(0))
-        reached, missed = (ca.vertcat(*(pair[i] for pair in found)) for i in (0, 1))
-        between = ca.Function("between", [q_from, q_to], [ca.densify(x) for x in (reached, missed, way)])
-        middle = ca.Function("middle", [q_from, q_to], [ca.densify(x) for x in found[_MIDDLE]])
-        self._between = _Rows(Compiled(between.map(_EDGES), native), _EDGES)
-        self._middle = _Rows(Compiled(middle.map(_MIDDLES), native), _MIDDLES)
+        steps, squared = min(newton_steps, 3), constraint.tolerance**2
+        between = constraint.compiled(
+            ("between", steps), lambda: _between(constraint, steps), _EDGES, native, [squared]
+        )
+        middle = constraint.compiled(("middle", steps), lambda: _middle(constraint, steps), _MIDDLES, native, [squared])
+        self._between, self._middle = _Rows(between, _EDGES), _Rows(middle, _MIDDLES)
 
     def look(self, q_from: np.ndarray, q_to: np.ndarray, validity: Validity) -> tuple[np.ndarray, np.ndarray, int]:
         """Return of rows of q_from and q_to (m, n) whether their edges look free (m,), and how long those are (m,).
@@ -77,6 +73,29 @@ class Screen:
         """Return points (m, p, n), where their violation (m, p) is too large where the edge begins, which is free."""
         off = ~(missed < self._constraint.tolerance**2)  # also for a NaN
         return np.where(off[:, :, None], q_from[:, None], points) if off.any() else points
+
+
+def _between(constraint: Constraint, newton_steps: int) -> Expressions:
+    """All points of a line: where they are projected to, ||F||^2 there, and the length of the way through them."""
+    q_from, q_to, squared = _line_symbols(constraint)
+    lines = [q_from + share / (POINTS + 1) * (q_to - q_from) for share in range(1, POINTS + 1)]
+    found = [constraint.projected(q, newton_steps, squared) for q in lines]
+    stations = [q_from, *(q for q, _ in found), q_to]
+    way = sum((ca.norm_2(b - a) for a, b in pairwise(stations)), ca.SX(0))
+    reached, missed = (ca.vertcat(*(pair[i] for pair in found)) for i in (0, 1))
+    return Expressions([q_from, q_to, squared], [reached, missed, way])
+
+
+def _middle(constraint: Constraint, newton_steps: int) -> Expressions:
+    """The middle of a line: where it is projected to, and ||F||^2 there."""
+    q_from, q_to, squared = _line_symbols(constraint)
+    q = q_from + (_MIDDLE + 1) / (POINTS + 1) * (q_to - q_from)
+    return Expressions([q_from, q_to, squared], list(constraint.projected(q, newton_steps, squared)))
+
+
+def _line_symbols(constraint: Constraint) -> tuple[ca.SX, ca.SX, ca.SX]:
+    n = constraint.n
+    return ca.SX.sym("q_from", n), ca.SX.sym("q_to", n), ca.SX.sym("squared")
 
 
 class _Rows:

@@ -6,6 +6,7 @@ from pipeline.robots.contact import Contact, Pair
 from pipeline.robots.description import Movable
 from pipeline.robots.grasp import attach
 from pipeline.robots.model import Robot, point_robot
+from pipeline.robots.numbers import Numbers
 from pipeline.robots.obstacles import PRIMITIVES, Obstacle, Shape, obstacles_from_frame, obstacles_to_frame
 from pipeline.robots.placement import IDENTITY, Placement
 from pipeline.robots.standing import stands_clear
@@ -20,6 +21,7 @@ __all__ = [
     "Contact",
     "Geometry",
     "Movable",
+    "Numbers",
     "Obstacle",
     "Pair",
     "Placement",

@@ -58,10 +58,12 @@ def attach(
     for i, other in enumerate(robot.geometry.geometryObjects):
         if other.parentJoint != carrier.parentJoint:
             geometry.addCollisionPair(pin.CollisionPair(i, added))
-    model = robot.model
+    model, loaded = robot.model, robot.loaded
     if mass > 0:
+        loaded = loaded | {int(carrier.parentJoint)}
         model = pin.Model(robot.model)
         point = pin.Inertia(mass, centre_of_mass(shape), np.zeros((3, 3)))  # balance asks for no more
         model.appendBodyToJoint(carrier.parentJoint, point, placement)
     allowed = {(body.name, piece): depth for name, depth in asked.items() for piece in robot.pieces_of(name)}
-    return replace(robot, model=model, geometry=geometry, touching={**robot.touching, **allowed})
+    touching_now = {**robot.touching, **allowed}
+    return replace(robot, model=model, geometry=geometry, touching=touching_now, loaded=loaded)

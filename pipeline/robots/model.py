@@ -12,6 +12,7 @@ from pipeline.errors import RobotError, unknown
 from pipeline.robots import travel
 from pipeline.robots.bodies import body_of
 from pipeline.robots.mimic import Follower
+from pipeline.robots.numbers import Numbers
 from pipeline.robots.shapes import BodyShape
 from pipeline.robots.symbolic import Pose, constant, joint_pose
 from pipeline.robots.turning import Turning
@@ -33,6 +34,8 @@ class Robot:
         base: names of the bodies that stand with the root link; they may touch what they stand on.
         touching: pairs of bodies by name that may touch, and how deep [m]; None for the usual depth (see `Validity`).
         turning: which variables turn without end, a turn later being the same place (n,); none unless given.
+        placed: names of joints and frames that a task has put somewhere; all others are the description's.
+        loaded: joints that carry masses of a task, by pinocchio's numbers.
     """
 
     name: str
@@ -47,6 +50,8 @@ class Robot:
     touching: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
     followers: Mapping[str, Follower] = field(default_factory=dict)
     turning: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    placed: frozenset[str] = frozenset()
+    loaded: frozenset[int] = frozenset()
 
     def __post_init__(self) -> None:
         if not len(self.turning):
@@ -129,24 +134,34 @@ class Robot:
         pin.forwardKinematics(self.model, data, np.asarray(q, float))
         return pin.SE3(pin.updateFramePlacement(self.model, data, number))
 
-    def symbolic_pose(self, q: ca.SX, frame: str) -> Pose:
+    def symbolic_pose(self, q: ca.SX, frame: str, numbers: Numbers | None = None) -> Pose:
         """Return rotation (3, 3) and position (3,) [m] of `frame` in the world as expressions of q (n,).
+
+        Args:
+            q: the configuration's symbol.
+            frame: name.
+            numbers: takes the places of what is in `placed`; without it they are constants of the expression.
 
         Raises:
             RobotError: no such frame, or a joint that is neither revolute nor prismatic.
         """
         target = self.model.frames[self.frame_id(frame)]
-        return self._joint(q, target.parentJoint, {}) @ constant(target.placement)
+        place = self._place(target.name, target.placement, numbers)
+        return self._joint(q, target.parentJoint, {}, numbers) @ place
 
-    def symbolic_joint_poses(self, q: ca.SX, joints: Sequence[int]) -> list[Pose]:
+    def symbolic_joint_poses(self, q: ca.SX, joints: Sequence[int], numbers: Numbers | None = None) -> list[Pose]:
         """Return the poses of joints' frames in the world as expressions of q (n,); joint 0 is the world itself."""
         known: dict[int, Pose] = {}
-        return [self._joint(q, joint, known) for joint in joints]
+        return [self._joint(q, joint, known, numbers) for joint in joints]
 
-    def symbolic_centre_of_mass(self, q: ca.SX) -> ca.SX:
+    def symbolic_centre_of_mass(self, q: ca.SX, numbers: Numbers | None = None) -> ca.SX:
         """Return the centre of mass in the world (3,) [m] as an expression of q (n,).
 
         Of the bodies that move: what stands on the ground by itself needs no balance, and pinocchio leaves it out too.
+
+        Args:
+            q: the configuration's symbol.
+            numbers: takes the masses of what `loaded` carries; without it they are constants of the expression.
 
         Raises:
             RobotError: the model has no mass.
@@ -159,19 +174,25 @@ class Robot:
         moments = ca.SX.zeros(3)
         for joint, inertia in inertias.items():
             if inertia.mass > 0:
-                moments += inertia.mass * self._joint(q, joint, known).apply(ca.DM(inertia.lever))
-        return moments / total
+                number = ca.SX if numbers is None or joint not in self.loaded else numbers
+                lever = self._joint(q, joint, known, numbers).apply(number(inertia.lever))
+                moments += number(inertia.mass) * lever
+        return moments / (total if numbers is None or not self.loaded else numbers(total))
 
-    def _joint(self, q: ca.SX, joint: int, known: dict[int, Pose]) -> Pose:
+    def _joint(self, q: ca.SX, joint: int, known: dict[int, Pose], numbers: Numbers | None = None) -> Pose:
         """Return the pose of a joint's frame in the world; `known` keeps those of the joints before it."""
         if joint not in known:
             if joint == 0:
                 known[joint] = constant(pin.SE3.Identity())
             else:
-                parent = self._joint(q, self.model.parents[joint], known)
+                parent = self._joint(q, self.model.parents[joint], known, numbers)
                 moved = joint_pose(self.name, self.model, joint, q[self.model.idx_qs[joint]])
-                known[joint] = parent @ constant(self.model.jointPlacements[joint]) @ moved
+                place = self._place(self.model.names[joint], self.model.jointPlacements[joint], numbers)
+                known[joint] = parent @ place @ moved
         return known[joint]
+
+    def _place(self, name: str, placement: pin.SE3, numbers: Numbers | None) -> Pose:
+        return numbers.pose(placement) if numbers is not None and name in self.placed else constant(placement)
 
 
 def point_robot(radius: float, lower: Sequence[float], upper: Sequence[float]) -> Robot:

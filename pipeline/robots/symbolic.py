@@ -1,5 +1,6 @@
 """Kinematics as CasADi expressions: poses, what a joint does, and how poses differ."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
@@ -9,7 +10,7 @@ import pinocchio as pin
 from pipeline.errors import RobotError
 
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
-_DECIMALS = 14  # of fixed poses, as rotation matrices and metres
+DECIMALS = 14  # of fixed poses, as rotation matrices and metres
 _OPPOSITE = 1e-6  # squared sine of an angle 0.001 rad from half a turn
 _SMALL = 1e-24  # under a square root: an angle of 1e-12 rad, so that derivatives exist at 0
 
@@ -38,7 +39,7 @@ def constant(placement: pin.SE3) -> Pose:
 
     Rounded: what is 6e-17 because of a cosine would otherwise be multiplied through all that follows.
     """
-    rotation, position = (np.round(part, _DECIMALS) for part in (placement.rotation, placement.translation))
+    rotation, position = (np.round(part, DECIMALS) for part in (placement.rotation, placement.translation))
     return Pose(ca.SX(ca.sparsify(ca.DM(rotation))), ca.SX(ca.DM(position)))
 
 
@@ -74,15 +75,25 @@ def rotation_vector(R: ca.SX) -> ca.SX:
     return _unless_opposite(sines, cosine, sines * (ca.atan2(sine, cosine) / sine))
 
 
-def direction_error(direction: ca.SX, wanted: np.ndarray, across: np.ndarray | None = None) -> ca.SX:
+def direction_error(
+    direction: ca.SX,
+    wanted: np.ndarray,
+    across: np.ndarray | None = None,
+    numbers: Callable[[np.ndarray], ca.SX] = ca.SX,
+) -> ca.SX:
     """Return the turn that brings a unit vector (3,) onto `wanted`, as two expressions (2,) [rad].
 
     Its length is the angle between the two; so opposite directions are far apart, not equal as by the cross product.
-    `across` are the two unit vectors (2, 3) it is given along; any that are perpendicular to `wanted` by default.
+
+    Args:
+        direction: the unit vector.
+        wanted: unit vector (3,).
+        across: the two unit vectors (2, 3) the turn is given along; any that are perpendicular to `wanted` by default.
+        numbers: makes expressions of numbers (see `Numbers`).
     """
-    sines = ca.SX(ca.DM(perpendicular(wanted) if across is None else across)) @ direction
+    sines = numbers(perpendicular(wanted) if across is None else across) @ direction
     sine = ca.sqrt(ca.sumsqr(sines) + _SMALL)
-    cosine = ca.dot(ca.DM(wanted), direction)
+    cosine = ca.dot(numbers(wanted), direction)
     return _unless_opposite(sines, cosine, sines * (ca.atan2(sine, cosine) / sine))
 
 

@@ -85,4 +85,5 @@ def with_virtual_chain(robot: Robot, chain: Sequence[VirtualJoint | VirtualFrame
         turning=np.concatenate([robot.turning, np.array(turning, bool)]),
         velocity=None if robot.velocity is None else np.concatenate([robot.velocity, np.full(free, np.inf)]),
         rest=np.concatenate([rest, bounds.mean(axis=1)]),
+        placed=robot.placed | {link.name for link in chain},
     )

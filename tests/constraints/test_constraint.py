@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 
-from pipeline.constraints import Compiled, Constraint, compiled, sphere_constraint
+from pipeline.constraints import Compiled, Constraint, sphere_constraint
 from pipeline.errors import ConstraintError, RobotError
 from tests.robots.worlds import ball, chain, differences, held_tool, held_tool_value, pose_of, sphere, torus
 
@@ -96,10 +96,10 @@ def test_results_are_copies(case):
 
 def test_newton_step(case):
     """The symbolic step is q - pinv(J) F, the pseudoinverse taken by numpy."""
-    q = ca.SX.sym("q", case.constraint.n)
-    newton = ca.Function("newton", [q], list(case.constraint.newton(q)))
+    q, p = ca.SX.sym("q", case.constraint.n), case.constraint.structure.p
+    newton = ca.Function("newton", [q, p], list(case.constraint.newton(q)))
     for configuration in starts(case, 20):
-        F, following = (np.asarray(part)[:, 0] for part in newton(configuration))
+        F, following = (np.asarray(part)[:, 0] for part in newton(configuration, case.constraint.numbers))
         expected = configuration - np.linalg.pinv(differences(case.value, configuration)) @ case.value(configuration)
         np.testing.assert_allclose(F, case.value(configuration), atol=1e-12)
         np.testing.assert_allclose(following, expected, atol=1e-6)
@@ -120,10 +120,10 @@ def test_projection_is_algorithm_1(case):
 @pytest.mark.parametrize("iterations", [1, 2, 4])
 def test_unrolled_projection_is_algorithm_1(case, iterations):
     """The projection inside whole-edge functions takes at most so many steps and tells ||F||^2 at the end."""
-    q = ca.SX.sym("q", case.constraint.n)
-    unrolled = ca.Function("unrolled", [q], list(case.constraint.projected(q, iterations)))
+    q, p = ca.SX.sym("q", case.constraint.n), case.constraint.structure.p
+    unrolled = ca.Function("unrolled", [q, p], list(case.constraint.projected(q, iterations, ca.SX(1e-6))))
     for configuration in starts(case, 10):
-        found, violation = unrolled(configuration)
+        found, violation = unrolled(configuration, case.constraint.numbers)
         expected, _, _ = algorithm_1(case, configuration, 1e-3, iterations)
         np.testing.assert_allclose(np.asarray(found)[:, 0], expected, atol=1e-6)
         assert float(violation) == pytest.approx(np.sum(case.value(expected) ** 2), abs=1e-6)
@@ -311,7 +311,7 @@ def test_sphere_needs_a_radius(radius):
 def test_compiled_arrays_are_transposed(shape):
     """A CasADi matrix (r, c) goes in and out as an array (c, r), a column as (r,); scalars and vectors mix."""
     A, s = ca.SX.sym("A", *shape), ca.SX.sym("s")
-    function = compiled("scaled", [A, s], [s * A, A.T])
+    function = Compiled(ca.Function("scaled", [A, s], [s * A, A.T]))
     array = np.arange(1.0, np.prod(shape) + 1).reshape(shape[::-1] if shape[1] > 1 else shape[0])
     scaled, turned = function(array, 2.0)
     np.testing.assert_array_equal(scaled, 2 * array)
@@ -319,3 +319,15 @@ def test_compiled_arrays_are_transposed(shape):
     assert isinstance(function, Compiled)
     with pytest.raises(ValueError, match=r"shorter|longer"):
         function(array)
+
+
+@pytest.mark.parametrize("columns", [1, 4])
+def test_bound_arguments_stay(columns):
+    """What the last arguments are bound to is not asked for at a call, serves all columns and is not changed by one."""
+    x, s, t = ca.SX.sym("x", 2), ca.SX.sym("s"), ca.SX.sym("t", 2)
+    scaled = ca.Function("scaled", [x, s, t], [s * x + t])
+    function = Compiled(scaled.map(columns) if columns > 1 else scaled, bound=[3.0, np.array([10.0, 20.0])])
+    assert len(function.arguments) == 1
+    for _ in range(2):
+        X = np.random.default_rng(0).normal(size=(columns, 2)).reshape(function.arguments[0].shape)
+        np.testing.assert_allclose(function(X)[0], 3 * X + np.array([10.0, 20.0]), atol=1e-15)

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pipeline.constraints import Compiled, upright
+from pipeline.constraints import Compiled, Expressions, structure_of, upright
 from pipeline.constraints import native as native_module
 from pipeline.constraints.native import native
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
@@ -61,13 +61,20 @@ def test_compiled_once(tmp_path):
     assert len(list(tmp_path.rglob("*"))) == 3  # the folder and two libraries
 
 
+def squares(name: str) -> Compiled:
+    """A function of two numbers, asked for as machine code."""
+    q = ca.SX.sym(name, 2)
+    structure = structure_of(q, q**2, ca.SX(0, 1), "squares")
+    return structure.compiled((name,), lambda: Expressions([q], [q**2]), np.empty(0), machine=True)
+
+
 def test_without_a_compiler(monkeypatch):
     """Without a compiler, or with one that fails, CasADi evaluates the function."""
     x = ca.SX.sym("x", 2)
     square = ca.Function("f", [x], [x**2])
     monkeypatch.setattr(native_module.shutil, "which", lambda name: None)
     assert native(square) is None
-    assert Compiled(square, machine=True)(np.array([2.0, 3.0]))[0].tolist() == [4.0, 9.0]
+    assert squares("none")(np.array([2.0, 3.0]))[0].tolist() == [4.0, 9.0]
     monkeypatch.setattr(native_module.shutil, "which", lambda name: "/bin/false")
     assert native(square) is None
 
@@ -75,9 +82,9 @@ def test_without_a_compiler(monkeypatch):
 @needs_compiler
 def test_a_broken_library_is_done_without(tmp_path):
     """A library that cannot be loaded is reported, and CasADi evaluates the function."""
-    x = ca.SX.sym("x", 2)
-    square = ca.Function("f", [x], [x**2])
-    native(square)
+    x = ca.SX.sym("broken", 2)
+    native(ca.Function("broken", [x], [x**2]))
     (library,) = tmp_path.rglob("*.so")
     library.write_bytes(b"no library")
-    assert Compiled(square, machine=True)(np.array([2.0, 3.0]))[0].tolist() == [4.0, 9.0]
+    assert squares("broken")(np.array([2.0, 3.0]))[0].tolist() == [4.0, 9.0]
+    assert len(list(tmp_path.rglob("*.so"))) == 1
