@@ -120,7 +120,7 @@ def test_limits_and_tolerance_are_those_of_the_task():
     for limits, tolerance in ((robot, 1e-3), (narrow, 1e-3), (robot, 1e-6)):
         constraint = upright(limits, robot.tool, tolerance=tolerance)
         space = ProjectionAdherence(constraint, Validity(limits, ()), AdherenceParameters())
-        Q, converged = constraint.project_batch(configurations(robot, np.random.default_rng(0), 400))
+        Q, converged = constraint.project_batch(configurations(robot, np.random.default_rng(0), 4000))
         Q = Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
         inside = (Q <= narrow.upper).all(axis=1)
         walks = [space.traverse(a, b) for a, b in zip(Q[inside][:15], Q[~inside][:15], strict=True)]
