@@ -123,7 +123,7 @@ def test_limits_and_tolerance_are_those_of_the_task():
         Q, converged = constraint.project_batch(configurations(robot, np.random.default_rng(0), 4000))
         Q = Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
         inside = (Q <= narrow.upper).all(axis=1)
-        walks = [space.traverse(a, b) for a, b in zip(Q[inside][:15], Q[~inside][:15], strict=True)]
+        walks = [space.traverse(a, b) for a, b in zip(Q[inside][:15], Q[~inside], strict=False)]
         states = np.concatenate([walk.states[:-1] for walk in walks])
         found[limits is narrow, tolerance] = states
         assert np.linalg.norm(constraint.value_batch(states), axis=1).max() < tolerance
