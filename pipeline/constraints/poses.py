@@ -48,7 +48,7 @@ def plane(
     q, p = ca.SX.sym("q", robot.dimension), Numbers()
     place = robot.symbolic_pose(q, frame, p).position
     rows = [f"distance of {frame} from the plane [m]"]
-    expression = ca.dot(p(n), place - p(_vector(point)))
+    expression = ca.dot(p(n), place - p(vector(point)))
     return Constraint(f"plane of {frame}", q, expression, labels=rows, numbers=p, **settings)
 
 
@@ -63,7 +63,7 @@ def line(robot: Robot, frame: str, point: Sequence[float], direction: Sequence[f
     q, p = ca.SX.sym("q", robot.dimension), Numbers()
     place = robot.symbolic_pose(q, frame, p).position
     rows = [f"offset of {frame} from the line along {np.round(edge, 3).tolist()} [m]" for edge in across]
-    expression = p(across) @ (place - p(_vector(point)))
+    expression = p(across) @ (place - p(vector(point)))
     return Constraint(f"line of {frame}", q, expression, labels=rows, numbers=p, **settings)
 
 
@@ -72,7 +72,7 @@ def position(robot: Robot, frame: str, point: Sequence[float], **settings: Any) 
     q, p = ca.SX.sym("q", robot.dimension), Numbers()
     place = robot.symbolic_pose(q, frame, p).position
     rows = [f"{axis} of {frame} [m]" for axis in "xyz"]
-    return Constraint(f"position of {frame}", q, place - p(_vector(point)), labels=rows, numbers=p, **settings)
+    return Constraint(f"position of {frame}", q, place - p(vector(point)), labels=rows, numbers=p, **settings)
 
 
 def closed_chain(robot: Robot, frame: str, other: str, relative: pin.SE3, **settings: Any) -> Constraint:
@@ -119,17 +119,18 @@ def intersection(*constraints: Constraint, name: str = "") -> Constraint:
     )
 
 
-def _vector(values: Sequence[float]) -> np.ndarray:
-    vector = np.asarray(values, float)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
+def vector(values: Sequence[float]) -> np.ndarray:
+    """Return a point or direction (3,) that is finite."""
+    found = np.asarray(values, float)
+    if found.shape != (3,) or not np.isfinite(found).all():
         raise ConstraintError(f"a point or direction is {values}; it must be three finite numbers")
-    return vector
+    return found
 
 
 def unit(values: Sequence[float], what: str) -> np.ndarray:
     """Return a vector (3,) of length 1; `what` names it where it is none."""
-    vector = _vector(values)
-    size = float(np.linalg.norm(vector))
+    found = vector(values)
+    size = float(np.linalg.norm(found))
     if not size > 0:
         raise ConstraintError(f"{what} is {list(values)}; it must not be zero")
-    return vector / size
+    return found / size

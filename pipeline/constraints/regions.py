@@ -144,8 +144,8 @@ class TaskSpaceRegion:
                 rows.append(value - numbers(low))
                 continue
             kept = min(inset, (high - low) / 2)
-            above = ca.fmax(value - numbers(high - kept), 0) if high < np.inf else 0
-            below = ca.fmin(value - numbers(low + kept), 0) if low > -np.inf else 0
+            above = ca.fmax(value - numbers(high - kept), 0) if high < np.inf else ca.SX(0)
+            below = ca.fmin(value - numbers(low + kept), 0) if low > -np.inf else ca.SX(0)
             rows.append(above + below)
         return ca.vertcat(*rows, self._angles.symbolic_beyond(T_w.rotation, inset, numbers))
 

@@ -14,7 +14,7 @@ from pipeline.errors import ArtifactError, ProblemError, require
 from pipeline.files import read_table, write_table
 from pipeline.robots import Obstacle, Robot, Validity, obstacles_from_frame, obstacles_to_frame
 from pipeline.robots.obstacles import COLUMNS
-from pipeline.verification.statement import Statement
+from pipeline.spec.statement import Statement
 
 SCENES, PROBLEMS = "scenes.parquet", "problems.parquet"
 

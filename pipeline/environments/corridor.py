@@ -1,17 +1,16 @@
 """Corridors that an arm threads with a pen: thin walls, a long tool, a fixed height and no tilt."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from pipeline.constraints import height, intersection, upright
-from pipeline.constraints.inverse import InverseKinematics, in_region
-from pipeline.constraints.regions import TaskSpaceRegion
 from pipeline.environments.furniture import box
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Task
-from pipeline.errors import ConfigError, ProblemError
-from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
-from pipeline.verification.statement import Carried, Level, OnPlane
+from pipeline.environments.task import NEAR, NEAR_ITSELF, held_down, over
+from pipeline.errors import ProblemError
+from pipeline.robots import Obstacle, Shape, UrdfRobot, Validity
+from pipeline.spec.task import TaskSpec, single
+from pipeline.tasks import Setup, set_up
 
 _CELL = 0.11  # from wall to wall, middle to middle [m]: corridors are 10 cm wide
 _WALL = 0.01  # thickness [m]
@@ -23,7 +22,6 @@ _ROWS, _COLUMNS = 3, 5  # cells away from the robot, and beside each other
 _CORNER = (0.36, -2.5 * _CELL)  # of the corridors, the nearest one [m]
 _FLOOR = 0.1  # height of what the walls stand on [m]
 _LOOPS = 2  # walls taken out of the maze, so that there is more than one way
-_STATIONS = {"panda": (0.0, 0.0, -1.0)}  # direction of the tool's z axis while the pen hangs down
 _TRIES = 60  # of inverse kinematics
 
 
@@ -31,54 +29,37 @@ class PenCorridors:
     """Tasks of an arm that holds a pen 1 cm thick, whose tip goes from one cell of a maze to the farthest one.
 
     Args:
-        robot: one that stands before the corridors.
+        settings: of an arm that stands before the corridors.
 
     Raises:
         ConfigError: another one.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        if robot.name not in _STATIONS:
-            raise ConfigError(f"pen corridors are set up for {', '.join(_STATIONS)}, not for {robot.name!r}")
-        down = _STATIONS[robot.name]
+    def __init__(self, settings: UrdfRobot) -> None:
         pen = Obstacle(Shape.BOX, (0.0, 0.0, _LENGTH / 2), (0.0, 0.0, 0.0, 1.0), (_PEN, _PEN, _LENGTH), "pen")
-        self.robot, self.carried = attach(robot, pen, robot.tool), (Carried(pen, robot.tool),)
         self.height = _FLOOR + _HIGH - _DEEP + _LENGTH  # of the tool
-        self.constraint = intersection(
-            upright(self.robot, robot.tool, direction=down), height(self.robot, robot.tool, self.height)
-        )
-        self.says = (Level(robot.tool, (0.0, 0.0, 1.0), down), OnPlane(robot.tool, (0.0, 0.0, 1.0), self.height))
+        self._asked = held_down(settings, pen, self.height)
+        self.name = settings.name
 
-    def task(self, seed: int, number: int) -> Task:
+    def task(self, seed: int, number: int) -> TaskSpec:
         """See `Family`."""
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
             walls = _maze(rng)
-            obstacles = tuple(_boxes(walls))
-            validity = Validity(self.robot, obstacles, NEAR, NEAR_ITSELF)
+            setup = set_up(replace(self._asked, obstacles=tuple(_boxes(walls))))
+            validity = setup.validity(NEAR, NEAR_ITSELF)
             first = (int(rng.integers(_ROWS)), int(rng.integers(_COLUMNS)))
-            ends = [self._over(cell, validity, rng) for cell in (first, _farthest(walls, first))]
+            ends = [self._over(cell, setup, validity, rng) for cell in (first, _farthest(walls, first))]
             if ends[0] is not None and ends[1] is not None:
-                name = f"corridor {self.robot.name} {number}"
-                return Task(
-                    name,
-                    self.robot,
-                    self.constraint,
-                    obstacles,
-                    ends[0],
-                    ends[1],
-                    self.says,
-                    carried=self.carried,
-                )
-        raise ProblemError(f"no start and goal were found for corridor {number}, {self.robot.name!r}, seed {seed}")
+                return single(f"corridor {self.name} {number}", setup.statement, ends[0], ends[1])
+        raise ProblemError(f"no start and goal were found for corridor {number}, {self.name!r}, seed {seed}")
 
-    def _over(self, cell: tuple[int, int], validity: Validity, rng: np.random.Generator) -> np.ndarray | None:
+    def _over(
+        self, cell: tuple[int, int], setup: Setup, validity: Validity, rng: np.random.Generator
+    ) -> np.ndarray | None:
         """Return a free configuration (n,) with the pen in the middle of a cell; None where none is found."""
         x, y = (corner + (index + 0.5) * _CELL for corner, index in zip(_CORNER, cell, strict=True))
-        free = (np.inf,) * 4  # height and tilt are the constraint's, the yaw is free
-        region = TaskSpaceRegion((0, 0, *np.negative(free)), (0, 0, *free), Placement((x, y, self.height)))
-        inverse = InverseKinematics(self.robot, self.constraint, in_region(self.robot, self.robot.tool, region))
-        found = inverse.solutions(rng, _TRIES, self.robot.rest)
+        found = over(setup, (x, y, self.height)).solutions(rng, _TRIES, setup.robot.rest)
         return next((q for q in found if validity.free(q)), None)
 
 

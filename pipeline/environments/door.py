@@ -4,13 +4,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from pipeline.constraints import TaskSpaceRegion, chain
 from pipeline.constraints.inverse import InverseKinematics, with_values
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Task
+from pipeline.environments.task import NEAR, NEAR_ITSELF
 from pipeline.errors import ProblemError
-from pipeline.robots import Obstacle, Placement, Robot, Validity, attach
-from pipeline.verification.statement import Carried, ChainSaid, Joined, Region
+from pipeline.robots import Obstacle, Placement, Robot, UrdfRobot, Validity
+from pipeline.spec.statement import Carried, ChainSpec, Region, Statement
+from pipeline.spec.task import TaskSpec, single
+from pipeline.tasks import robot_of, set_up
 
 _TRIES = 50  # of inverse kinematics for the start, and for the goal
 _WIDEST = 1.3  # a door opens this far [rad]
@@ -29,11 +30,12 @@ class DoorOpening:
     obstacles. With them a way between need not exist.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
+    def __init__(self, settings: UrdfRobot) -> None:
+        self.settings = settings
 
-    def task(self, seed: int, number: int) -> Task:
+    def task(self, seed: int, number: int) -> TaskSpec:
         """See `Family`."""
+        settings, yaw = self.settings, robot_of(self.settings).dimension  # the hinge is the chain's first variable
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
             side = 1.0 if rng.random() < 0.5 else -1.0
@@ -46,18 +48,20 @@ class DoorOpening:
                 Region((0, 0, 0, 0, 0, swing[0]), (0, 0, 0, 0, 0, swing[1]), at_hinge),
                 Region((0, 0, 0, 0, -_TILT, 0), (0, 0, 0, 0, _TILT, 0), at_handle, ahead),
             )
-            planned = [TaskSpaceRegion(r.lower, r.upper, r.place, r.end) for r in regions]
-            door = chain(self.robot, planned, name="door")
             panel = box("panel", (0.0, -side * (handle + 0.12) / 2, 0.0), (0.02, handle + 0.1, 0.6))
-            robot = attach(door.robot, panel, "door_0")
-            obstacles = tuple(_clutter(rng, hinge, side, handle))
-            touching = (("panel", "frame"),)
-            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF, touching)
-            yaw = self.robot.dimension  # the hinge is the first variable of the chain
+            statement = Statement(
+                settings,
+                (),
+                obstacles=tuple(_clutter(rng, hinge, side, handle)),
+                carried=(Carried(panel, "door_0", touches={"frame": None}),),
+                chain=ChainSpec(regions, settings.tool, "door"),
+            )
+            setup = set_up(statement)
             shut, *wider = (
-                InverseKinematics(robot, door.constraint, with_values([(yaw, -side * share * opened)]))
+                InverseKinematics(setup.robot, setup.constraint, with_values([(yaw, -side * share * opened)]))
                 for share in np.linspace(0.0, 1.0, _STEPS + 1)
             )
+            robot, validity = setup.robot, setup.validity(NEAR, NEAR_ITSELF)
 
             def fits(q: np.ndarray, robot: Robot = robot, validity: Validity = validity) -> bool:
                 return min((q - robot.lower).min(), (robot.upper - q).min()) > _FROM_LIMITS and validity.free(q)
@@ -65,21 +69,8 @@ class DoorOpening:
             for start in filter(fits, shut.solutions(rng, _TRIES)):
                 goal = _pulled(wider, start)
                 if goal is not None and fits(goal):
-                    name = f"door {self.robot.name} {number}"
-                    says = (Joined(door.end, robot.tool),)
-                    return Task(
-                        name,
-                        robot,
-                        door.constraint,
-                        obstacles,
-                        start,
-                        goal,
-                        says,
-                        touching,
-                        carried=(Carried(panel, "door_0"),),
-                        chain=ChainSaid(regions, robot.tool, "door"),
-                    )
-        raise ProblemError(f"no start and goal were found for door {number}, {self.robot.name!r}, seed {seed}")
+                    return single(f"door {settings.name} {number}", statement, start, goal)
+        raise ProblemError(f"no start and goal were found for door {number}, {settings.name!r}, seed {seed}")
 
 
 def _pulled(steps: Sequence[InverseKinematics], q: np.ndarray) -> np.ndarray | None:

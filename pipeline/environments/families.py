@@ -12,10 +12,10 @@ from pipeline.environments.torus import Mazes
 from pipeline.environments.transport import UprightTransport
 from pipeline.environments.tray import TwoArmTray
 from pipeline.errors import ConfigError
-from pipeline.robots import Robot
+from pipeline.robots import UrdfRobot
 from pipeline.schema import convert
 
-_OF_ROBOTS: dict[str, Callable[[Robot], Family]] = {
+_OF_ROBOTS: dict[str, Callable[[UrdfRobot], Family]] = {
     "transport": UprightTransport,
     "door": DoorOpening,
     "tray": TwoArmTray,
@@ -26,12 +26,12 @@ _OF_ROBOTS: dict[str, Callable[[Robot], Family]] = {
 KINDS = (*_OF_ROBOTS, "maze")
 
 
-def make_family(kind: str, robot: Robot | None, parameters: Mapping[str, Any]) -> Family:
+def make_family(kind: str, robot: UrdfRobot | None, parameters: Mapping[str, Any]) -> Family:
     """Return a family of tasks.
 
     Args:
         kind: one of KINDS.
-        robot: that acts; None for mazes, which have their own point.
+        robot: settings of the one that acts; None for mazes, which have their own point.
         parameters: of a maze (see `Mazes`); the others have none.
 
     Raises:

@@ -1,18 +1,19 @@
 """Reaching while balanced: Pholus on four feet, hands among shelves (after generative_manifolds.txt)."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from pipeline.constraints import balanced, feet_on_ground
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, two_ends
 from pipeline.errors import ConfigError, ProblemError
-from pipeline.robots import Obstacle, Robot, Validity
-from pipeline.verification.statement import Balanced, Pinned
+from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity
+from pipeline.spec.statement import Balanced, Pinned, Statement
+from pipeline.spec.task import TaskSpec, single
+from pipeline.tasks import Setup, robot_of, set_up
 
 FEET = tuple(f"contact_{i}" for i in range(1, 5))
 _MARGIN = 0.02  # of the centre of mass to the edges of the support polygon [m]
@@ -27,49 +28,54 @@ class BalancedReach:
     """Tasks of a robot that stands as it does at rest: its hand moves between places in front of it.
 
     Args:
-        robot: Pholus, with the base's six virtual joints first, then the legs, then torso and arms.
+        settings: of Pholus, with the base's six virtual joints first, then the legs, then torso and arms.
 
     Raises:
         ConfigError: a robot without the feet, or without a configuration of rest.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, settings: UrdfRobot) -> None:
+        robot = robot_of(settings)
         if robot.rest is None or not all(robot.model.existFrame(frame) for frame in FEET):
             raise ConfigError(f"{robot.name!r} cannot stand: it needs {', '.join(FEET)} and a rest configuration")
-        self.robot = robot
-        contacts = {frame: robot.pose(robot.rest, frame).translation for frame in FEET}
-        self.contacts = np.array(list(contacts.values()))
-        self.says = tuple(Pinned(frame, tuple(float(c) for c in point)) for frame, point in contacts.items())
-        self.constraint = feet_on_ground(robot, contacts)
-        self.balance = balanced(robot, self.contacts.tolist(), _MARGIN)
-        self.terms = (Balanced(tuple(tuple(point) for point in self.contacts.tolist()), _MARGIN),)
+        contacts = {frame: tuple(robot.pose(robot.rest, frame).translation.tolist()) for frame in FEET}
+        self._asked = Statement(
+            settings,
+            tuple(Pinned(frame, point) for frame, point in contacts.items()),
+            conditions=(Balanced(tuple(contacts.values()), _MARGIN),),
+        )
         upper_body = [joint.startswith(("torso", "j_arm")) for joint in robot.joint_names]
         self.rest: np.ndarray = robot.rest
         self._spread = np.where(upper_body, _SPREAD, _LEGS)
 
-    def task(self, seed: int, number: int) -> Task:
+    def task(self, seed: int, number: int) -> TaskSpec:
         """See `Family`."""
-        robot, data, tool = self.robot, self.robot.model.createData(), self.robot.frame_id(self.robot.tool)
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
-            obstacles = tuple(_scene(rng))
-            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF, conditions=(self.balance.kept(NEAR),))
+            setup = set_up(replace(self._asked, obstacles=tuple(_scene(rng))))
+            robot, validity = setup.robot, setup.validity(NEAR, NEAR_ITSELF)
+            data, tool = robot.model.createData(), robot.frame_id(robot.tool)
 
-            def fits(q: np.ndarray, validity: Validity = validity) -> bool:
+            def fits(
+                q: np.ndarray,
+                robot: Robot = robot,
+                data: pin.Data = data,
+                tool: int = tool,
+                validity: Validity = validity,
+            ) -> bool:
                 pin.forwardKinematics(robot.model, data, q)
                 hand = pin.updateFramePlacement(robot.model, data, tool).translation
                 return bool((hand > _HAND[0]).all() and (hand < _HAND[1]).all() and validity.free(q))
 
-            ends = two_ends(partial(self._draw, rng), fits, _LEAST, _TRIES)
+            ends = two_ends(partial(self._draw, rng, setup), fits, _LEAST, _TRIES)
             if ends is not None:
-                said: Any = {"conditions": (self.balance,), "terms": self.terms}
-                return Task(f"reach {number}", robot, self.constraint, obstacles, *ends, self.says, **said)
+                return single(f"reach {number}", setup.statement, *ends)
         raise ProblemError(f"no start and goal were found for balanced reach {number}, seed {seed}")
 
-    def _draw(self, rng: np.random.Generator) -> np.ndarray:
-        robot = self.robot
+    def _draw(self, rng: np.random.Generator, setup: Setup) -> np.ndarray:
+        robot = setup.robot
         near = np.clip(self.rest + self._spread * rng.normal(size=(20, robot.dimension)), robot.lower, robot.upper)
-        Q, converged = self.constraint.project_batch(near, 15)
+        Q, converged = setup.constraint.project_batch(near, 15)
         return Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
 
 

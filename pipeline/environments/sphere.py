@@ -22,7 +22,7 @@ from pipeline.constraints import Constraint, sphere_constraint
 from pipeline.environments.base import Scene, Split
 from pipeline.errors import ConfigError, ProblemError, require
 from pipeline.robots import Obstacle, Robot, Shape, Validity, point_robot
-from pipeline.verification.statement import OnSphere, Point, Statement
+from pipeline.spec.statement import OnSphere, Point, Statement
 
 BLOCKS, BANDS = "blocks", "bands"
 _IDENTITY = (0.0, 0.0, 0.0, 1.0)

@@ -1,78 +1,28 @@
-"""Tasks: what families of problems are made of, for benchmarks and the soak test."""
+"""What families of tasks have in common."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
 
-from pipeline.constraints import Condition, Constraint
+from pipeline.constraints import TaskSpaceRegion
+from pipeline.constraints.inverse import InverseKinematics, in_region
 from pipeline.errors import ConfigError
-from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity
-from pipeline.verification.statement import Carried, ChainSaid, Joined, Saying, Statement, Term
+from pipeline.robots import Obstacle, Placement, UrdfRobot
+from pipeline.spec.statement import Carried, Level, OnPlane, Statement
+from pipeline.spec.task import TaskSpec
+from pipeline.tasks import Setup
 
+DOWN = {"panda": (0.0, 0.0, -1.0)}  # robots that hold a tool downwards: direction of their frame's z axis then
+_AXIS = (0.0, 0.0, 1.0)
 # What start and goal keep from obstacles and from the robot itself [m], so that no planner's margin forbids them.
 NEAR, NEAR_ITSELF = 0.02, 0.005
-
-
-@dataclass(frozen=True)
-class Task:
-    """One start and goal, with all that a planner needs.
-
-    Attributes:
-        name: family, robot and number.
-        robot: with what it holds and with the virtual joints of a chain.
-        constraint, obstacles: what there is; every obstacle has a name.
-        start, goal: configurations on the manifold (n,), free with a margin.
-        says: what the constraint says, for peers that write it in their own way.
-        touching: pairs (body, obstacle) that may touch.
-        conditions: what else configurations must meet.
-        carried: what the robot holds, as plain data.
-        chain: regions whose end it holds; `says` has them too, as frames that are joined.
-        terms: what the conditions say.
-        tolerance: of ||F||.
-    """
-
-    name: str
-    robot: Robot
-    constraint: Constraint
-    obstacles: tuple[Obstacle, ...]
-    start: np.ndarray
-    goal: np.ndarray
-    says: tuple[Saying, ...]
-    touching: tuple[tuple[str, str], ...] = ()
-    conditions: tuple[Condition, ...] = ()
-    carried: tuple[Carried, ...] = ()
-    chain: ChainSaid | None = None
-    terms: tuple[Term, ...] = ()
-    tolerance: float = 1e-3
-
-    def statement(self, robot: UrdfRobot | None) -> Statement:
-        """Return what the task says, for the verifier; `robot` is what the family's robot is made of."""
-        if robot is None:
-            raise ConfigError(f"task {self.name!r} needs the settings of its robot to be verified")
-        joined = None if self.chain is None else Joined(self.chain.end, self.chain.frame)
-        return Statement(
-            robot,
-            tuple(saying for saying in self.says if saying != joined),
-            self.tolerance,
-            self.obstacles,
-            self.carried,
-            self.chain,
-            dict.fromkeys(self.touching),
-            self.terms,
-        )
-
-    def validity(self, margin: float = 0.0, self_margin: float = 0.0) -> Validity:
-        """Return the checker that keeps `margin` from obstacles and conditions and `self_margin` between bodies [m]."""
-        conditions = [condition.kept(margin) for condition in self.conditions]
-        return Validity(self.robot, self.obstacles, margin, self_margin, self.touching, conditions)
 
 
 class Family(Protocol):
     """Makes tasks of one kind, by seed and number."""
 
-    def task(self, seed: int, number: int) -> Task:
+    def task(self, seed: int, number: int) -> TaskSpec:
         """Return task `number` of a seed; the same every time.
 
         Raises:
@@ -103,3 +53,29 @@ def two_ends(
                 return first, q
             first = q
     return None
+
+
+def held_down(settings: UrdfRobot, tool: Obstacle, height: float, touches: Sequence[str] = ()) -> Statement:
+    """Return what is asked of an arm that holds a tool downwards at a fixed height.
+
+    Args:
+        settings: of the arm, one of `DOWN`.
+        tool: what it holds, in the frame of its hand.
+        height: of that frame [m].
+        touches: obstacles that the tool may touch.
+
+    Raises:
+        ConfigError: another arm.
+    """
+    if settings.name not in DOWN:
+        raise ConfigError(f"tools are held downwards by {', '.join(DOWN)}, not by {settings.name!r}")
+    equations = (Level(settings.tool, _AXIS, DOWN[settings.name]), OnPlane(settings.tool, _AXIS, height))
+    carried = Carried(tool, settings.tool, touches=dict.fromkeys(touches))
+    return Statement(settings, equations, carried=(carried,))
+
+
+def over(setup: Setup, spot: tuple[float, float, float]) -> InverseKinematics:
+    """Return what finds configurations with the robot's tool frame at a place [m], turned as the constraint lets it."""
+    free = np.full(4, np.inf)  # height and tilt are the constraint's, the yaw is free
+    region = TaskSpaceRegion((0, 0, *-free), (0, 0, *free), Placement(spot))
+    return InverseKinematics(setup.robot, setup.constraint, in_region(setup.robot, setup.robot.tool, region))

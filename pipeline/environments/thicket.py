@@ -1,18 +1,18 @@
 """A thicket for a long stick: wires and plates a millimetre thick, meshes, and a table that the stick slides on."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.constraints import height, intersection, upright
-from pipeline.constraints.inverse import InverseKinematics, in_region
-from pipeline.constraints.regions import TaskSpaceRegion
 from pipeline.environments.furniture import box, cylinder
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
-from pipeline.errors import ConfigError, ProblemError
-from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
-from pipeline.verification.statement import Carried, Level, OnPlane
+from pipeline.environments.task import NEAR, NEAR_ITSELF, held_down, over, two_ends
+from pipeline.errors import ProblemError
+from pipeline.robots import Obstacle, Shape, UrdfRobot
+from pipeline.spec.task import TaskSpec, single
+from pipeline.tasks import Setup, set_up
 
 _BRACKET = Path(__file__).with_name("shapes") / "bracket.obj"
 _TABLE = 0.02  # height of its top [m]
@@ -22,7 +22,6 @@ _DEEP = 0.0005  # the stick's end is in the table [m]: with the tolerance it sta
 _THIN = 0.001  # wires and plates [m]
 _WIDE = (0.3, 0.75, -0.55, 0.55)  # where things stand, and where the stick may be: x and y [m]
 _APART = 1.0  # start and goal [rad]
-_STATIONS = {"panda": (0.0, 0.0, -1.0)}  # direction of the tool's z axis while the stick hangs down
 _TRIES = 10  # of inverse kinematics
 
 
@@ -30,48 +29,36 @@ class Thicket:
     """Tasks of an arm that slides the end of a long stick over a table among wires, thin plates and brackets.
 
     Args:
-        robot: one that stands before the table.
+        settings: of an arm that stands before the table.
 
     Raises:
         ConfigError: another one.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        if robot.name not in _STATIONS:
-            raise ConfigError(f"thickets are set up for {', '.join(_STATIONS)}, not for {robot.name!r}")
-        down = _STATIONS[robot.name]
+    def __init__(self, settings: UrdfRobot) -> None:
         stick = Obstacle(
             Shape.CYLINDER, (0.0, 0.0, _LENGTH / 2), (0.0, 0.0, 0.0, 1.0), (_STICK, _STICK, _LENGTH), "stick"
         )
-        self.robot, self.carried = attach(robot, stick, robot.tool), (Carried(stick, robot.tool),)
         self.height = _TABLE + _LENGTH - _DEEP  # of the tool
-        self.constraint = intersection(
-            upright(self.robot, robot.tool, direction=down), height(self.robot, robot.tool, self.height)
-        )
-        self.says = (Level(robot.tool, (0.0, 0.0, 1.0), down), OnPlane(robot.tool, (0.0, 0.0, 1.0), self.height))
+        self._asked = held_down(settings, stick, self.height, ("table",))
+        self.name = settings.name
 
-    def task(self, seed: int, number: int) -> Task:
+    def task(self, seed: int, number: int) -> TaskSpec:
         """See `Family`."""
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
-            obstacles = tuple(_things(rng))
-            touching = (("stick", "table"),)
-            validity = Validity(self.robot, obstacles, NEAR, NEAR_ITSELF, touching)
-            ends = two_ends(lambda rng=rng: self._draw(rng), validity.free, _APART, _TRIES)  # type: ignore[misc]
+            setup = set_up(replace(self._asked, obstacles=tuple(_things(rng))))
+            free = setup.validity(NEAR, NEAR_ITSELF).free
+            ends = two_ends(partial(self._draw, rng, setup), free, _APART, _TRIES)
             if ends is not None:
-                name = f"thicket {self.robot.name} {number}"
-                return Task(
-                    name, self.robot, self.constraint, obstacles, *ends, self.says, touching, carried=self.carried
-                )
-        raise ProblemError(f"no start and goal were found for thicket {number}, {self.robot.name!r}, seed {seed}")
+                return single(f"thicket {self.name} {number}", setup.statement, *ends)
+        raise ProblemError(f"no start and goal were found for thicket {number}, {self.name!r}, seed {seed}")
 
-    def _draw(self, rng: np.random.Generator) -> np.ndarray:
+    def _draw(self, rng: np.random.Generator, setup: Setup) -> np.ndarray:
         """Return configurations (m, n) with the stick somewhere on the table."""
         spot = (rng.uniform(*_WIDE[:2]), rng.uniform(*_WIDE[2:]), self.height)
-        free = np.full(4, np.inf)  # height and tilt are the constraint's, the yaw is free
-        region = TaskSpaceRegion((0, 0, *-free), (0, 0, *free), Placement(spot))
-        inverse = InverseKinematics(self.robot, self.constraint, in_region(self.robot, self.robot.tool, region))
-        return np.array(list(inverse.solutions(rng, _TRIES, self.robot.rest))).reshape(-1, self.robot.dimension)
+        found = over(setup, spot).solutions(rng, _TRIES, setup.robot.rest)
+        return np.array(list(found)).reshape(-1, setup.robot.dimension)
 
 
 def _things(rng: np.random.Generator) -> Iterator[Obstacle]:

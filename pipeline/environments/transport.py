@@ -7,12 +7,14 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from pipeline.constraints import Constraint, upright
+from pipeline.constraints import Constraint
 from pipeline.environments.furniture import box, cylinder
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, two_ends
 from pipeline.errors import ConfigError, ProblemError
-from pipeline.robots import Obstacle, Robot, Validity, stands_clear
-from pipeline.verification.statement import Level
+from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity, stands_clear
+from pipeline.spec.statement import Level, Statement
+from pipeline.spec.task import TaskSpec, single
+from pipeline.tasks import robot_of, set_up
 
 _TRIES = 80  # times fifty random configurations
 _EDGE = 0.15  # from the shoulder to where objects may stand [m], less half of the widest
@@ -54,36 +56,36 @@ class UprightTransport:
     Start and goal are random configurations, projected, with the hand over the table among the objects.
 
     Args:
-        robot: one that a station is known for.
+        settings: of a robot that a station is known for.
 
     Raises:
         ConfigError: another one.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        if robot.name not in STATIONS:
-            raise ConfigError(f"upright transport has stations for {', '.join(STATIONS)}, not for {robot.name!r}")
-        self.robot, self.station = robot, STATIONS[robot.name]
-        self.constraint = upright(robot, robot.tool, direction=self.station.level)
+    def __init__(self, settings: UrdfRobot) -> None:
+        if settings.name not in STATIONS:
+            raise ConfigError(f"upright transport has stations for {', '.join(STATIONS)}, not for {settings.name!r}")
+        self.settings, self.station = settings, STATIONS[settings.name]
+        self.level = Level(settings.tool, (0.0, 0.0, 1.0), self.station.level)
 
-    def task(self, seed: int, number: int) -> Task:
+    def task(self, seed: int, number: int) -> TaskSpec:
         """See `Family`."""
-        robot, constraint, station = self.robot, self.constraint, self.station
+        robot, station = robot_of(self.settings), self.station
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
             obstacles = tuple(_scene(rng, station, shelf=number % 2 == 1))
             if not stands_clear(robot, obstacles):  # the other arm is in the way
                 continue
-            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF)
+            statement = Statement(self.settings, (self.level,), obstacles=obstacles)
+            setup = set_up(statement)
             ends = two_ends(
-                partial(_draw, rng, robot, constraint),
-                partial(_among, robot, validity, station, robot.model.createData()),
+                partial(_draw, rng, robot, setup.constraint),
+                partial(_among, robot, setup.validity(NEAR, NEAR_ITSELF), station, robot.model.createData()),
                 _LEAST,
                 _TRIES,
             )
             if ends is not None:
-                says = (Level(robot.tool, (0.0, 0.0, 1.0), station.level),)
-                return Task(f"transport {robot.name} {number}", robot, constraint, obstacles, *ends, says)
+                return single(f"transport {robot.name} {number}", statement, *ends)
         raise ProblemError(f"no start and goal were found for upright transport {number}, {robot.name!r}, seed {seed}")
 
 

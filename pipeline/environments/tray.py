@@ -1,18 +1,20 @@
 """Trays in both hands of Baxter, kept level: the hands keep their relative pose (14 variables, 8 rows)."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
-from pipeline.constraints import closed_chain, intersection, upright
 from pipeline.environments.furniture import box, cylinder, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, Task, two_ends
+from pipeline.environments.task import NEAR, NEAR_ITSELF, two_ends
 from pipeline.errors import ConfigError, ProblemError
-from pipeline.robots import Obstacle, Placement, Robot, Shape, Validity, attach
+from pipeline.robots import Obstacle, Placement, Shape, UrdfRobot
 from pipeline.robots.bodies import body_of
-from pipeline.verification.statement import Carried, Joined, Level
+from pipeline.spec.statement import Carried, Joined, Level, Statement
+from pipeline.spec.task import TaskSpec, single
+from pipeline.tasks import Setup, robot_of, set_up
 
 LEFT, RIGHT = "left_gripper", "right_gripper"
 _UP = (0.0, 0.0, 1.0)
@@ -27,13 +29,14 @@ class TwoArmTray:
     """Tasks of two arms that hold a tray as they do at rest, over a table with objects and pillars.
 
     Args:
-        robot: Baxter with both arms.
+        settings: of Baxter with both arms.
 
     Raises:
         ConfigError: a robot without both grippers, or without a configuration of rest.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, settings: UrdfRobot) -> None:
+        robot = robot_of(settings)
         if robot.rest is None or not all(robot.model.existFrame(frame) for frame in (LEFT, RIGHT)):
             raise ConfigError(f"{robot.name!r} cannot hold a tray: it needs {LEFT}, {RIGHT} and a rest configuration")
         left, right = (robot.pose(robot.rest, frame) for frame in (LEFT, RIGHT))
@@ -44,32 +47,29 @@ class TwoArmTray:
         )
         self.rest: np.ndarray = robot.rest
         beside = dict.fromkeys(body_of(name) for name in robot.body_names if name.startswith("r_gripper"))
-        self.robot, self.carried = attach(robot, tray, LEFT, beside), (Carried(tray, LEFT, beside=beside),)
         axis = tuple(float(c) for c in left.rotation.T @ np.array(_UP))
-        relative = left.actInv(right)
-        self.says = (Joined(LEFT, RIGHT, Placement.of(relative)), Level(LEFT, axis, _UP))
-        self.constraint = intersection(
-            closed_chain(self.robot, LEFT, RIGHT, relative),
-            upright(self.robot, LEFT, axis, _UP),
-            name="tray",
+        relative = Placement.of(left.actInv(right))
+        self._asked = Statement(
+            settings,
+            (Joined(LEFT, RIGHT, relative), Level(LEFT, axis, _UP)),
+            carried=(Carried(tray, LEFT, beside=beside),),
         )
 
-    def task(self, seed: int, number: int) -> Task:
+    def task(self, seed: int, number: int) -> TaskSpec:
         """See `Family`."""
-        robot = self.robot
         for attempt in range(20):
             rng = np.random.default_rng([seed, number, attempt])
-            obstacles = tuple(_scene(rng))
-            validity = Validity(robot, obstacles, NEAR, NEAR_ITSELF)
-            ends = two_ends(partial(self._draw, rng), validity.free, _LEAST, _TRIES)
+            setup = set_up(replace(self._asked, obstacles=tuple(_scene(rng))))
+            free = setup.validity(NEAR, NEAR_ITSELF).free
+            ends = two_ends(partial(self._draw, rng, setup), free, _LEAST, _TRIES)
             if ends is not None:
-                return Task(f"tray {number}", robot, self.constraint, obstacles, *ends, self.says, carried=self.carried)
+                return single(f"tray {number}", setup.statement, *ends)
         raise ProblemError(f"no start and goal were found for tray {number}, seed {seed}")
 
-    def _draw(self, rng: np.random.Generator) -> np.ndarray:
-        robot = self.robot
+    def _draw(self, rng: np.random.Generator, setup: Setup) -> np.ndarray:
+        robot = setup.robot
         near = self.rest + _SPREAD * rng.normal(size=(50, robot.dimension))
-        Q, converged = self.constraint.project_batch(near, 15)
+        Q, converged = setup.constraint.project_batch(near, 15)
         return Q[converged & ((Q >= robot.lower) & (Q <= robot.upper)).all(axis=1)]
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.environments.task import Task
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.families import Ours, Setting
 from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
@@ -23,6 +22,7 @@ from pipeline.planners import Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
 from pipeline.robots import Geometry
 from pipeline.schema import Choice
+from pipeline.tasks import Task, build
 
 log = logging.getLogger(__name__)
 UNPROVEN = "without proof"
@@ -121,7 +121,7 @@ def arm_shard(contest: ArmContest, item: Part) -> pd.DataFrame:
     family, seed = setting.family(), contest.tried_seed if item.tried else contest.seed
     rows: list[dict[str, Any]] = []
     for number in item.tasks:
-        task = family.task(seed, number)
+        task = build(family.task(seed, number).leg)
         for name, route in routes.items():
             if route.most is None or number < route.most:
                 names = {"tried": item.tried, "family": item.family, "route": name, "task": number}

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from pipeline.environments.families import KINDS, make_family
-from pipeline.environments.task import Family, Task
+from pipeline.environments.task import Family
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination
-from pipeline.robots import ROBOTS, Geometry, Robot, UrdfRobot
+from pipeline.robots import ROBOTS, Geometry, UrdfRobot
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
+from pipeline.tasks import Task
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import Verdict, VerifierParameters
 
@@ -64,18 +65,19 @@ class Setting:
         return made if made is None or geometry is None else replace(made, geometry=geometry)
 
     def family(self, geometry: Geometry | None = None) -> Family:
-        """Return the family; building the robot and its constraint takes up to a second.
+        """Return the family; reading its robot takes up to a second.
 
         Args:
             geometry: what meshes of the robot become, in place of what its settings say.
         """
-        made = self.description(geometry)
-        robot: Robot | None = None if made is None else made.robot()
-        return make_family(self.kind, robot, self.parameters)
+        return make_family(self.kind, self.description(geometry), self.parameters)
 
     def verdict(self, task: Task, path: np.ndarray, geometry: Geometry | None = None) -> Verdict:
         """Return the verifier's verdict on a path (T, n), by the robot's own geometry or another."""
-        return Judge(task.statement(self.description(geometry)), self.verifier).verify(path, task.start, task.goal)
+        asked = task.statement
+        if geometry is not None and isinstance(asked.robot, UrdfRobot):
+            asked = replace(asked, robot=replace(asked.robot, geometry=geometry))
+        return Judge(asked, self.verifier).verify(path, task.start, task.goal)
 
 
 class Ours:

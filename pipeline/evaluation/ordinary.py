@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pipeline.environments.task import Task
 from pipeline.robots import Obstacle, Robot
-from pipeline.verification.statement import Joined, Level, OnPlane, OnTorus, Pinned
+from pipeline.spec.statement import Joined, Level, OnPlane, OnTorus, Pinned
+from pipeline.tasks import Task
 
 
 class OrdinaryConstraint:
@@ -25,7 +25,7 @@ class OrdinaryConstraint:
         self.n, self.tolerance = task.robot.dimension, task.constraint.tolerance
         self.max_iterations = task.constraint.max_iterations
         self._model, self._data = task.robot.model, task.robot.model.createData()
-        self._parts = [_PARTS[type(saying)](task.robot, saying) for saying in task.says]
+        self._parts = [_PARTS[type(saying)](task.robot, saying) for saying in task.equations]
         self.k = sum(part.k for part in self._parts)
 
     def value(self, q: np.ndarray) -> np.ndarray:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.environments.task import Task
 from pipeline.errors import ConfigError
 from pipeline.robots import Geometry, Robot, Shape, UrdfRobot
 from pipeline.robots.description import SHARE, resolve
-from pipeline.verification.statement import Joined, Level, Saying
+from pipeline.spec.statement import Equation, Joined, Level
+from pipeline.tasks import Task
 
 GEOMETRY = Geometry.MESHES  # what it plans with
 DIFFERENCES = (
@@ -95,7 +95,7 @@ class RoboplanPeer:
         """Return the time of planning [s] and the waypoints (T, n), None without a path."""
         self.furnish(task)
         core, rrt, parameters = self.core, self.rrt, self.parameters
-        constraints = [self._constraint(says, task.constraint.tolerance) for says in task.says]
+        constraints = [self._constraint(says, task.constraint.tolerance) for says in task.equations]
         options = rrt.RRTOptions(
             group_name=_GROUP,
             max_nodes=_NODES,
@@ -115,7 +115,7 @@ class RoboplanPeer:
             return time.perf_counter() - begin, None
         return time.perf_counter() - begin, path
 
-    def _constraint(self, says: Saying, tolerance: float) -> Any:
+    def _constraint(self, says: Equation, tolerance: float) -> Any:
         """Return roboplan's constraint for one of a task's."""
         free = np.array([np.inf, np.inf, np.inf, 0.0, 0.0, np.inf])
         region = np.eye(4)

@@ -10,6 +10,7 @@ import pandas as pd
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.families import Ours, Setting
 from pipeline.planners import Termination, shortcut
+from pipeline.tasks import build
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def soak_shard(soak: Soak, item: tuple[str, range]) -> pd.DataFrame:
         for name, choice in setting.adherences.items()
     }
     for number in numbers:
-        task = family.task(soak.seed, number)
+        task = build(family.task(soak.seed, number).leg)
         for name, ours in routes.items():
             for repeat in range(load.plans):
                 seed = soak.seed + 1000 * number + repeat

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.environments.task import Task
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.families import Ours, Setting
 from pipeline.evaluation.statistics import summary
 from pipeline.planners import Termination
+from pipeline.robots import Obstacle
+from pipeline.tasks import Task, build, set_up
 
 _BLOCK = 50  # calls timed together: one is as short as reading the clock
 
@@ -69,9 +70,9 @@ def costs_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd.D
     for label, setting in families.items():
         if setting.robot is None:
             continue
-        task = setting.family().task(seed, 0)
+        task = build(setting.family().task(seed, 0).leg)
         robot, constraint = task.robot, task.constraint
-        few = replace(task, obstacles=tuple(o for o in task.obstacles[: upkeep.obstacles]), touching=())
+        few = set_up(replace(task.statement, obstacles=_some(task, upkeep.obstacles)))
         validity = few.validity(setting.margin, setting.self_margin)
         Q = _near(task, np.random.default_rng(seed), upkeep.calls)
         free = np.array([validity.free(q) for q in Q])
@@ -91,10 +92,16 @@ def costs_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd.D
     return pd.DataFrame(rows, columns=["family", "part", "n", "median [us]", "p95 [us]"])
 
 
+def _some(task: Task, count: int) -> tuple[Obstacle, ...]:
+    """Return the first obstacles of a task, and those that something may touch."""
+    touched = {name for _, name in task.touching}
+    return tuple(o for i, o in enumerate(task.obstacles) if i < count or o.name in touched)
+
+
 def memory_line(upkeep: Upkeep, label: str, setting: Setting, seed: int) -> str:
     """Plan many tasks one after the other and say how resident memory grew."""
     family, ours = setting.family(), Ours(setting, next(iter(setting.adherences.values())))
-    tasks = [family.task(seed, number) for number in range(20)]
+    tasks = [build(family.task(seed, number).leg) for number in range(20)]
     warm = upkeep.plans // 10
     sizes = []
     for number in range(upkeep.plans + warm):
@@ -112,7 +119,7 @@ def overrun_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd
     rows = []
     for label, setting in families.items():
         family, ours = setting.family(), Ours(setting, next(iter(setting.adherences.values())))
-        tasks = [family.task(seed, number) for number in range(upkeep.limited)]
+        tasks = [build(family.task(seed, number).leg) for number in range(upkeep.limited)]
         for limit in upkeep.limits:
             over, solved = [], 0
             for number, task in enumerate(tasks):

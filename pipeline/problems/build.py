@@ -7,14 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.constraints import Chain, Condition, Constraint, chain, feasible, following, intersection, turns_on
+from pipeline.constraints import Constraint, feasible, turns_on
 from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
 from pipeline.errors import ConfigError, ProblemError, RobotError, told_apart, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
-from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity, attach
+from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity
 from pipeline.robots.description import is_file, resolve
 from pipeline.robots.order import revolute
 from pipeline.robots.turning import TURN, Turning, turns_within
+from pipeline.spec.statement import Carried, ChainSpec, Inequality, Statement
+from pipeline.tasks import Held, Setup, hold, set_up
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
@@ -33,28 +35,42 @@ class Built:
     """A problem, ready to be planned.
 
     Attributes:
-        robot: with the chain's virtual joints and what it holds.
-        constraint: all equations.
-        obstacles: of the scene.
-        held: names of the bodies that the robot holds.
+        setup: what is asked, with robot, constraint and scene.
         validity: the checker for planning, with margins.
-        exact: the checker without margins, for the verifier.
+        exact: the checker without margins.
         starts: configurations (S, n), any of which will do; one, where the file says it exactly.
         goals: configurations (G, n), the nearest to the first start first.
         asked: what the file says of the goal's joints (n,), NaN where it says nothing.
         notes: what was not taken exactly as the file says it.
     """
 
-    robot: Robot
-    constraint: Constraint
-    obstacles: tuple[Obstacle, ...]
-    held: tuple[str, ...]
+    setup: Setup
     validity: Validity
     exact: Validity
     starts: np.ndarray
     goals: np.ndarray
     asked: np.ndarray
     notes: tuple[str, ...] = ()
+
+    @property
+    def robot(self) -> Robot:
+        """With the chain's virtual joints and what it holds."""
+        return self.setup.robot
+
+    @property
+    def constraint(self) -> Constraint:
+        """All equations."""
+        return self.setup.constraint
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Of the scene."""
+        return self.setup.obstacles
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the bodies that the robot holds."""
+        return tuple(carried.body.name for carried in self.setup.statement.carried)
 
 
 def build(file: ProblemFile) -> Built:
@@ -63,36 +79,39 @@ def build(file: ProblemFile) -> Built:
     Raises:
         ConfigError, RobotError, ConstraintError, ProblemError: whatever does not fit; the message names it.
     """
-    robot = robot_settings(file).robot()
-    arm, held = robot, None
-    if file.chain is not None:
-        held = chain(robot, [r.region() for r in file.chain.regions], file.chain.frame, file.chain.name)
-        robot = held.robot
-    obstacles = tuple(body.obstacle(file.folder) for body in file.obstacles)
-    touching: dict[tuple[str, str], float | None] = {}
-    for grasp in file.grasps:
-        beside, frame = grasp.depths("beside"), grasp.frame or robot.tool
-        robot = attach(robot, grasp.obstacle(file.folder), frame, beside, grasp.mass)
-        touching.update({(grasp.name, name): depth for name, depth in grasp.depths("touches").items()})
-    begin = _exact(file.start, arm, held, "start") if file.start.exact else None
-    made = [part(robot, begin) for part in file.parts()]
-    equations = [held.constraint] if held is not None else []
-    equations += [following(robot)] if robot.followers else []
-    equations += [part for part in made if isinstance(part, Constraint)]
-    conditions = [part for part in made if isinstance(part, Condition)]
-    if not equations:
-        raise ConfigError("constraints has conditions only: a problem needs at least one equation")
-    constraint = equations[0] if len(equations) == 1 else intersection(*equations)
-    kept = [condition.kept(file.margin) for condition in conditions]
-    validity = Validity(robot, obstacles, file.margin, file.self_margin, touching, kept)
-    exact = Validity(robot, obstacles, 0.0, 0.0, touching, conditions)
-    finder = _Finder(arm, robot, held, constraint, validity, np.random.default_rng([file.seed, 1]), file.time_limit)
-    starts = finder.find(file.start, "start", 1 if file.start.exact else file.goals, robot.rest)
+    setup = set_up(statement_of(file))
+    validity, exact = setup.validity(file.margin, file.self_margin), setup.validity()
+    finder = _Finder(setup, validity, np.random.default_rng([file.seed, 1]), file.time_limit)
+    starts = finder.find(file.start, "start", 1 if file.start.exact else file.goals, setup.robot.rest)
     start = starts[0]
-    constraint.frame(start)  # rows that depend on each other are named
+    setup.constraint.frame(start)  # rows that depend on each other are named
     goals = finder.goals(file.goal, file.goals, start)
-    names = tuple(grasp.name for grasp in file.grasps)
-    return Built(robot, constraint, obstacles, names, validity, exact, starts, goals, finder.asked, tuple(finder.notes))
+    return Built(setup, validity, exact, starts, goals, finder.asked, tuple(finder.notes))
+
+
+def statement_of(file: ProblemFile) -> Statement:
+    """Return what a problem file asks of every point of a path.
+
+    Raises:
+        ConfigError, RobotError, ConstraintError, ProblemError: whatever does not fit; the message names it.
+    """
+    settings, chain = robot_settings(file), None
+    if file.chain is not None:
+        regions = tuple(region.said() for region in file.chain.regions)
+        chain = ChainSpec(regions, file.chain.frame or settings.tool, file.chain.name)
+    carried = tuple(
+        Carried(g.obstacle(file.folder), g.frame or settings.tool, g.mass, g.depths("beside"), g.depths("touches"))
+        for g in file.grasps
+    )
+    obstacles = tuple(body.obstacle(file.folder) for body in file.obstacles)
+    bare = Statement(settings, (), obstacles=obstacles, carried=carried, chain=chain)
+    held = hold(bare)
+    begin = _exact(file.start, held, "start") if file.start.exact else None
+    said = [one for part in file.parts() for one in part(held.robot, begin)]
+    equations = tuple(one for one in said if not isinstance(one, Inequality))
+    if not equations and chain is None and not held.robot.followers:
+        raise ConfigError("constraints has conditions only: a problem needs at least one equation")
+    return replace(bare, equations=equations, conditions=tuple(one for one in said if isinstance(one, Inequality)))
 
 
 def robot_settings(file: ProblemFile) -> UrdfRobot:
@@ -118,18 +137,10 @@ class _Finder:
     configuration may lie in a part without a goal.
     """
 
-    def __init__(
-        self,
-        arm: Robot,
-        robot: Robot,
-        held: Chain | None,
-        constraint: Constraint,
-        validity: Validity,
-        rng: np.random.Generator,
-        time_limit: float,
-    ) -> None:
-        self.arm, self.robot, self.held = arm, robot, held
-        self.constraint, self.validity, self.rng, self.time_limit = constraint, validity, rng, time_limit
+    def __init__(self, setup: Setup, validity: Validity, rng: np.random.Generator, time_limit: float) -> None:
+        self.held, self.arm, self.robot, self.constraint = setup.held, setup.held.arm, setup.robot, setup.constraint
+        self.validity, self.rng, self.time_limit = validity, rng, time_limit
+        constraint, robot = self.constraint, self.robot
         self.turns = turns_on(constraint, robot)
         # Joints with limits between which there is a turn or more: what a goal says of them has several answers.
         self.winding = revolute(robot.model) & ~robot.turning & (robot.upper - robot.lower >= TURN)
@@ -152,7 +163,7 @@ class _Finder:
     def find(self, where: Where, name: str, count: int, near: np.ndarray | None) -> np.ndarray:
         """Return one exact configuration, or up to `count` valid ones for a pose or region (m, n)."""
         if where.exact:
-            q = _exact(where, self.arm, self.held, name)
+            q = _exact(where, self.held, name)
             q = self.constraint.project(q).q if where.project else q
             return self._within(range(len(q)), q, name)[None]
         inverse = InverseKinematics(self.robot, self.constraint, self._target(where, name))
@@ -289,8 +300,9 @@ def _beside(address: str, folder: Path) -> str:
         raise
 
 
-def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarray:
+def _exact(where: Where, held: Held, name: str) -> np.ndarray:
     """The configuration a file gives, with the chain's values where it leaves them out."""
+    arm, chain = held.arm, held.chain
     if where.joints is not None:
         for joint in where.joints:
             if joint not in arm.joint_names:
@@ -303,12 +315,12 @@ def _exact(where: Where, arm: Robot, held: Chain | None, name: str) -> np.ndarra
         q = np.array(list(values.values()), float)
     else:
         q = np.array(where.configuration, float)
-    sizes = [arm.dimension] + ([held.robot.dimension] if held is not None else [])
+    sizes = [arm.dimension] + ([chain.robot.dimension] if chain is not None else [])
     if len(q) not in sizes or not np.isfinite(q).all():
         raise ProblemError(
             f"{name} has {len(q)} joint values; {arm.name!r} has {' or, with the chain, '.join(map(str, sizes))} "
             f"joints, and values must be finite: {', '.join(arm.joint_names)}"
         )
-    if held is not None and len(q) == arm.dimension:
-        q = np.concatenate([q, held.values(q)[0]])
+    if chain is not None and len(q) == arm.dimension:
+        q = np.concatenate([q, chain.values(q)[0]])
     return q

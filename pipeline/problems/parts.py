@@ -1,34 +1,35 @@
-"""The constraints a problem file can ask for, by kind."""
+"""The constraints a problem file can ask for, by kind, and what each says."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from pipeline.constraints import (
-    Condition,
-    Constraint,
-    balanced,
-    closed_chain,
-    feet_on_ground,
-    height,
-    line,
-    plane,
-    pose,
-    position,
-    upright,
-)
-from pipeline.constraints.poses import unit
+from pipeline.constraints.poses import unit, vector
 from pipeline.errors import ConfigError
 from pipeline.problems.region import Region
 from pipeline.robots import Placement, Robot
+from pipeline.spec.statement import (
+    Balanced,
+    Equation,
+    Inequality,
+    InRegion,
+    Joined,
+    Level,
+    OnLine,
+    OnPlane,
+    Pinned,
+    Posed,
+)
+
+Said = list[Equation | Inequality]
 
 
 class Part(Protocol):
     """One entry of a problem's list of constraints."""
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint | Condition:
-        """Return the constraint on `robot`; what the entry leaves open is taken from the start q (n,)."""
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return what the entry says of `robot`; what it leaves open is taken from the start q (n,)."""
         ...
 
 
@@ -40,14 +41,14 @@ class UprightPart:
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     direction: tuple[float, ...] | None = (0.0, 0.0, 1.0)
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
         frame = self.frame or robot.tool
         direction = self.direction
         if direction is None:
             R = robot.pose(_start(q, "upright.direction"), frame).rotation
-            direction = tuple(R @ unit(self.axis, "axis"))
-        return upright(robot, frame, self.axis, direction)
+            direction = tuple((R @ unit(self.axis, "axis")).tolist())
+        return [Level(frame, self.axis, direction)]
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,10 @@ class PlanePart:
     point: tuple[float, ...] | None = None
     normal: tuple[float, ...] = (0.0, 0.0, 1.0)
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
-        return plane(robot, self.frame or robot.tool, _point(self, robot, q, "plane.point"), self.normal)
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
+        normal, point = unit(self.normal, "normal"), vector(_point(self, robot, q, "plane.point"))
+        return [OnPlane(self.frame or robot.tool, self.normal, float(normal @ point))]
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,12 @@ class HeightPart:
     frame: str = ""
     value: float | None = None
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
         frame, value = self.frame or robot.tool, self.value
         if value is None:
             value = float(robot.pose(_start(q, "height.value"), frame).translation[2])
-        return height(robot, frame, value)
+        return [OnPlane(frame, (0.0, 0.0, 1.0), value)]
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,9 @@ class LinePart:
     frame: str = ""
     point: tuple[float, ...] | None = None
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
-        return line(robot, self.frame or robot.tool, _point(self, robot, q, "line.point"), self.direction)
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
+        return [OnLine(self.frame or robot.tool, _point(self, robot, q, "line.point"), self.direction)]
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,9 @@ class PositionPart:
     frame: str = ""
     point: tuple[float, ...] | None = None
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
-        return position(robot, self.frame or robot.tool, _point(self, robot, q, "position.point"))
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
+        return [Pinned(self.frame or robot.tool, _point(self, robot, q, "position.point"))]
 
 
 @dataclass(frozen=True)
@@ -110,11 +112,10 @@ class PosePart:
     frame: str = ""
     placement: Placement | None = None
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
         frame = self.frame or robot.tool
-        wanted = self.placement.se3() if self.placement else robot.pose(_start(q, "pose.placement"), frame)
-        return pose(robot, frame, wanted)
+        return [Posed(frame, self.placement or Placement.of(robot.pose(_start(q, "pose.placement"), frame)))]
 
 
 @dataclass(frozen=True)
@@ -123,9 +124,9 @@ class RegionPart(Region):
 
     frame: str = ""
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
-        return self.region().constraint(robot, self.frame)
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
+        return [InRegion(self.frame or robot.tool, self.said())]
 
 
 @dataclass(frozen=True)
@@ -136,26 +137,30 @@ class ClosedChainPart:
     other: str
     relative: Placement | None = None
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
-        if self.relative:
-            return closed_chain(robot, self.frame, self.other, self.relative.se3())
-        begin = _start(q, "closed_chain.relative")
-        return closed_chain(
-            robot, self.frame, self.other, robot.pose(begin, self.frame).actInv(robot.pose(begin, self.other))
-        )
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the equation."""
+        relative = self.relative
+        if relative is None:
+            begin = _start(q, "closed_chain.relative")
+            relative = Placement.of(robot.pose(begin, self.frame).actInv(robot.pose(begin, self.other)))
+        return [Joined(self.frame, self.other, relative)]
 
 
 @dataclass(frozen=True)
 class FeetPart:
-    """See `feet_on_ground`: the feet stay where they are at the start."""
+    """The origins of foot frames stay where they are at the start."""
 
     frames: tuple[str, ...]
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Constraint:
-        """Return the constraint."""
-        begin = _start(q, "feet")
-        return feet_on_ground(robot, {frame: robot.pose(begin, frame).translation for frame in self.frames})
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return an equation for each foot.
+
+        Raises:
+            ConfigError: there are none.
+        """
+        if not self.frames:
+            raise ConfigError("feet needs at least one frame")
+        return [Pinned(frame, _origin(robot, _start(q, "feet"), frame)) for frame in self.frames]
 
 
 @dataclass(frozen=True)
@@ -165,10 +170,10 @@ class BalancePart:
     frames: tuple[str, ...]
     margin: float = 0.0
 
-    def __call__(self, robot: Robot, q: np.ndarray | None) -> Condition:
-        """Return the condition."""
+    def __call__(self, robot: Robot, q: np.ndarray | None) -> Said:
+        """Return the inequality."""
         begin = _start(q, "balance")
-        return balanced(robot, [robot.pose(begin, frame).translation for frame in self.frames], self.margin)
+        return [Balanced(tuple(_origin(robot, begin, frame) for frame in self.frames), self.margin)]
 
 
 PARTS: dict[str, Any] = {
@@ -193,7 +198,12 @@ def _start(q: np.ndarray | None, what: str) -> np.ndarray:
     return q
 
 
-def _point(part: Any, robot: Robot, q: np.ndarray | None, what: str) -> Any:
+def _origin(robot: Robot, q: np.ndarray, frame: str) -> tuple[float, ...]:
+    """Where the origin of a frame is at q (n,), in the world (3,) [m]."""
+    return tuple(robot.pose(q, frame).translation.tolist())
+
+
+def _point(part: Any, robot: Robot, q: np.ndarray | None, what: str) -> tuple[float, ...]:
     if part.point is not None:
-        return part.point
-    return robot.pose(_start(q, what), part.frame or robot.tool).translation
+        return tuple(part.point)
+    return _origin(robot, _start(q, what), part.frame or robot.tool)

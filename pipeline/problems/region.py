@@ -9,6 +9,7 @@ from pipeline.constraints import TaskSpaceRegion
 from pipeline.errors import ConfigError
 from pipeline.robots import IDENTITY, Placement
 from pipeline.schema import convert
+from pipeline.spec import statement
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,14 @@ class Region:
 
     def region(self) -> TaskSpaceRegion:
         """Return the region."""
+        made = self.said()
+        return TaskSpaceRegion(made.lower, made.upper, made.place, made.end)
+
+    def said(self) -> statement.Region:
+        """Return the region as a statement has it."""
         bounds = [_bounds(name, getattr(self, name)) for name in ("x", "y", "z", "roll", "pitch", "yaw")]
         lower, upper = zip(*bounds, strict=True)
-        return TaskSpaceRegion(lower, upper, self.origin, self.offset)
+        return statement.Region(lower, upper, self.origin, self.offset)
 
 
 def is_number(value: Any) -> bool:

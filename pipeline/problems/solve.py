@@ -13,7 +13,6 @@ from pipeline.manifolds import Adherence, make_adherence, subdivided
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build
 from pipeline.problems.file import ProblemFile, choice
-from pipeline.problems.statement import statement_of
 from pipeline.recording.content import SHORTEST_STEP
 from pipeline.robots.order import revolute
 from pipeline.robots.turning import TURN
@@ -117,7 +116,7 @@ def solve(file: ProblemFile) -> Solution:
     begin = time.perf_counter()
     built = build(file)
     space = make_adherence(adherence, built.constraint, built.validity)
-    judge = Judge(statement_of(file, built.starts[0]))
+    judge = Judge(built.setup.statement)
     starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
     _problem(space, starts, goals).check()
     problem = _problem(space, _sound(judge, starts, "start"), _sound(judge, goals, "goal"))

@@ -14,6 +14,7 @@ import numpy as np
 from pipeline.robots.bodies import Geometry
 from pipeline.robots.description import resolve
 from pipeline.robots.urdf import UrdfRobot
+from pipeline.spec.statement import Statement
 from pipeline.verification.along import equations
 from pipeline.verification.contacts import Contacts
 from pipeline.verification.keeping import keeper
@@ -28,7 +29,6 @@ from pipeline.verification.pairs import (
 from pipeline.verification.reader import read
 from pipeline.verification.rows import Rows
 from pipeline.verification.standing import standing_contact
-from pipeline.verification.statement import Statement
 from pipeline.verification.verdict import CLEARANCE, Failure, Touch, Verdict, VerifierParameters
 
 _KEPT = 8  # robots that are kept, with their meshes read

@@ -4,14 +4,14 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.errors import ConstraintError
+from pipeline.spec.statement import Balanced, Inequality, Mazed
 from pipeline.verification.along import Held, bend_of_mass, inequality
 from pipeline.verification.kinematics import Kinematics
-from pipeline.verification.statement import Balanced, Mazed, Term
 
 _FINEST = 5e-6  # half of a stretch of a chord past walls [m]: shorter ones are not asked for
 
 
-def keeper(term: Term, kinematics: Kinematics) -> "Balance | Walls":
+def keeper(term: Inequality, kinematics: Kinematics) -> "Balance | Walls":
     """Return what holds a path against a condition."""
     return Balance(term, kinematics) if isinstance(term, Balanced) else Walls(term, kinematics)
 

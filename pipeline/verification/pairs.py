@@ -13,9 +13,9 @@ from pipeline.robots.bodies import Geometry
 from pipeline.robots.description import resolve
 from pipeline.robots.obstacles import Obstacle
 from pipeline.robots.urdf import UrdfRobot
+from pipeline.spec.statement import Statement
 from pipeline.verification.kinematics import WORLD, Body, Kinematics, Place
 from pipeline.verification.shapes import Form, form_of, forms_of_body
-from pipeline.verification.statement import Statement
 
 _USUAL = 0.002  # depth of bodies that may touch [m], and
 _SHARE = 0.1  # of the thinner one's least extent, at most

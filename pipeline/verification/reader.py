@@ -12,9 +12,9 @@ from pipeline.errors import RobotError, unknown
 from pipeline.robots.description import resolve
 from pipeline.robots.placement import Placement
 from pipeline.robots.urdf import UrdfRobot
+from pipeline.spec.statement import Carried, ChainSpec, Follows, Point, Statement
 from pipeline.verification.centre import centre_of_mass
 from pipeline.verification.kinematics import UNIVERSE, WORLD, Body, Joint, Kinematics, Masses, Place, turns
-from pipeline.verification.statement import Carried, ChainSaid, Follows, Point, Statement
 from pipeline.verification.urdf import Urdf, UrdfJoint, of_angles, read_states, read_urdf
 
 _BASE = "base_world"  # the root link of a robot whose base moves
@@ -129,7 +129,7 @@ class _Robot:
             self.bodies.append(Body(name, link, joint, placement @ origin, shape, base))
         self.loads.append((joint, read.mass, placement.R @ read.centre + placement.p))
 
-    def add_chain(self, chain: ChainSaid) -> None:
+    def add_chain(self, chain: ChainSpec) -> None:
         for name, bounds, *_ in _variables(chain):
             self.limits[name] = bounds
         parent, placement = WORLD, Place()
@@ -195,7 +195,7 @@ def place(placement: Placement) -> Place:
     return Place(of_angles(*placement.rpy), np.array(placement.xyz, float))
 
 
-def _variables(chain: ChainSaid) -> Iterator[tuple[str, tuple[float, float]]]:
+def _variables(chain: ChainSpec) -> Iterator[tuple[str, tuple[float, float]]]:
     """Give name and limits of a chain's variables: a free angle has none, and turns without end."""
     for i, region in enumerate(chain.regions):
         for direction in _AXES:

@@ -1,4 +1,4 @@
-"""What a statement's sayings ask, as rows F(q): 0 where they are met, in metres and radians, far from them too.
+"""What a statement's equations ask, as rows F(q): 0 where they are met, in metres and radians, far from them too.
 
 ||F|| is how far a position is off and the smallest turn by which an orientation is, which is what tolerances are of.
 """
@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import ConfigError
 from pipeline.robots.urdf import UrdfRobot
-from pipeline.verification.kinematics import UNIVERSE, WORLD, Kinematics, Place
-from pipeline.verification.reader import follows, place
-from pipeline.verification.statement import (
+from pipeline.spec.statement import (
+    Equation,
     Follows,
     InRegion,
     Joined,
@@ -24,9 +23,10 @@ from pipeline.verification.statement import (
     Pinned,
     Posed,
     Region,
-    Saying,
     Statement,
 )
+from pipeline.verification.kinematics import UNIVERSE, WORLD, Kinematics, Place
+from pipeline.verification.reader import follows, place
 from pipeline.verification.urdf import of_angles
 
 _QUARTER = 1e-3  # cosine of a fixed pitch below which it is a quarter turn, where roll and yaw are one: 1.57 is one
@@ -48,7 +48,7 @@ class Rows:
     """
 
     def __init__(self, statement: Statement, kinematics: Kinematics) -> None:
-        said: list[Saying] = list(statement.sayings)
+        said: list[Equation] = list(statement.equations)
         if statement.chain is not None:
             said.insert(0, Joined(statement.chain.end, statement.chain.frame))
         if isinstance(statement.robot, UrdfRobot):
@@ -74,7 +74,7 @@ class Rows:
         return np.concatenate(parts, axis=1)
 
 
-def _rows(saying: Saying, where: Where, value: Callable[[str], np.ndarray]) -> np.ndarray:
+def _rows(saying: Equation, where: Where, value: Callable[[str], np.ndarray]) -> np.ndarray:
     """Return the rows of a saying (T, k), given where frames are and the values of joints (T,)."""
     match saying:
         case Follows(joint, leader, multiplier, offset):

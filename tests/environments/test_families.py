@@ -5,12 +5,13 @@ import pinocchio as pin
 import pytest
 
 from pipeline.environments.families import KINDS, make_family
-from pipeline.environments.task import Task, two_ends
+from pipeline.environments.task import two_ends
 from pipeline.errors import ConfigError
 from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
 from pipeline.robots import Shape
-from pipeline.verification.statement import Joined, Level, OnPlane, OnTorus, Pinned
-from tests.robots.named import named
+from pipeline.spec.statement import Joined, Level, OnPlane, OnTorus, Pinned
+from pipeline.tasks import Task, build
+from tests.robots.named import settings
 from tests.robots.test_arms_validity import plain
 from tests.robots.worlds import differences
 
@@ -29,20 +30,20 @@ SMALL = {"rows": 4, "columns": 6}
 def family(kind: str):
     """A family with the robot of its benchmark."""
     robot = ROBOT_OF[kind]
-    return make_family(kind, None if robot is None else named(robot), SMALL if robot is None else {})
+    return make_family(kind, None if robot is None else settings(robot), SMALL if robot is None else {})
 
 
 @pytest.fixture(scope="module")
 def tasks() -> dict[str, list[Task]]:
     """Two tasks of every family."""
     made = {kind: family(kind) for kind in KINDS}
-    return {kind: [made[kind].task(5, number) for number in range(2)] for kind in KINDS}
+    return {kind: [build(made[kind].task(5, number).leg) for number in range(2)] for kind in KINDS}
 
 
 def off(task: Task, q: np.ndarray) -> float:
     """How far a configuration is from what the task says, by pinocchio alone [m, rad]."""
     robot, worst = task.robot, 0.0
-    for says in task.says:
+    for says in task.equations:
         if isinstance(says, Level):
             axis = robot.pose(q, says.frame).rotation @ np.array(says.axis)
             worst = max(worst, float(np.arccos(np.clip(axis @ np.array(says.direction), -1, 1))))
@@ -75,9 +76,9 @@ def test_ends_are_valid(kind, tasks):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_seed_is_a_task(kind, tasks):
     """The same seed and number give the same task to the bit; another number another one."""
-    again = family(kind).task(5, 1)
+    again = build(family(kind).task(5, 1).leg)
     first, other = tasks[kind][1], tasks[kind][0]
-    assert again.obstacles == first.obstacles and again.name == first.name
+    assert again.obstacles == first.obstacles
     np.testing.assert_array_equal([again.start, again.goal], [first.start, first.goal])
     assert not np.array_equal(other.start, first.start)
 
@@ -136,7 +137,7 @@ def test_mass_is_over_the_feet(tasks):
     """At both ends of a reach pinocchio's centre of mass is 2 cm inside the rectangle of the feet."""
     for task in tasks["reach"]:
         data = task.robot.model.createData()
-        feet = np.array([says.point for says in task.says])
+        feet = np.array([says.point for says in task.equations])
         for q in (task.start, task.goal):
             mass = pin.centerOfMass(task.robot.model, data, q)
             assert (mass[:2] > feet[:, :2].min(axis=0) + 0.019).all()
@@ -163,7 +164,7 @@ def test_two_ends_are_apart():
 
 def test_bad_families():
     """Unknown kinds, missing and superfluous robots, parameters and unfit robots are refused by name."""
-    panda = named("panda")
+    panda = settings("panda")
     for kind, robot, parameters, message in (
         ("dors", panda, {}, "transport, door, tray, reach, corridor, thicket, maze"),
         ("door", None, {}, "'door' needs a robot"),

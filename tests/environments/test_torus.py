@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from matplotlib.image import imsave
 
-from pipeline.environments.torus import (
-    MAJOR,
-    MINOR,
-    Mazes,
-    TorusMaze,
-    maze_task,
-    random_maze,
-    read_maze,
-    torus_constraint,
-)
+from pipeline.constraints.torus import MAJOR, MINOR, TorusMaze, torus_constraint
+from pipeline.environments.torus import Mazes, maze_task, random_maze, read_maze
 from pipeline.errors import ConfigError, ConstraintError, ProblemError
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
 from pipeline.planners import DynamicDomainRrtConnect, Problem, Termination
 from pipeline.samplers import UniformSampler
+from pipeline.tasks import Task, build
 from pipeline.verification.judge import Judge
 from tests.robots.worlds import ball, differences
+
+
+def maze_of(task: Task) -> TorusMaze:
+    """The condition of a maze's task."""
+    (maze,) = task.conditions
+    assert isinstance(maze, TorusMaze)
+    return maze
 
 
 def flooded(walls: np.ndarray, start: tuple[int, int]) -> np.ndarray:
@@ -108,12 +108,13 @@ def test_margin_is_a_distance():
 
 def test_farthest_places():
     """A family's goal is the farthest open place from its start by flood fill, both in the middle of a corridor."""
-    task = Mazes(5, 7).task(3, 1)
-    start, goal = (task.maze.pixel(q) for q in (task.start, task.goal))
-    far = flooded(task.maze.walls, start)
-    middles = ~task.maze.walls
+    task = build(Mazes(5, 7).task(3, 1).leg)
+    maze = maze_of(task)
+    start, goal = (maze.pixel(q) for q in (task.start, task.goal))
+    far = flooded(maze.walls, start)
+    middles = ~maze.walls
     for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        middles = middles & ~np.roll(task.maze.walls, shift, axis)
+        middles = middles & ~np.roll(maze.walls, shift, axis)
     assert middles[start] and middles[goal]
     assert far[goal] == far[middles].max()
 
@@ -122,23 +123,24 @@ def test_a_picture_is_a_family(tmp_path):
     """Tasks in a given picture have its walls and different starts."""
     walls = random_maze(np.random.default_rng(3), 4, 5)
     imsave(tmp_path / "maze.png", (~walls).astype(float), cmap="gray")
-    tasks = [Mazes(picture=tmp_path / "maze.png").task(0, number) for number in range(3)]
-    assert all((task.maze.walls == walls).all() for task in tasks)
-    assert len({task.maze.pixel(task.start) for task in tasks}) > 1
+    tasks = [build(Mazes(picture=tmp_path / "maze.png").task(0, number).leg) for number in range(3)]
+    assert all((maze_of(task).walls == walls).all() for task in tasks)
+    assert len({maze_of(task).pixel(task.start) for task in tasks}) > 1
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_plans_follow_the_corridors(seed):
     """In a maze of 150 cells the path to the farthest place is bright everywhere and as long as the corridors ask."""
-    task = Mazes(10, 15).task(11, seed)
-    margin = 0.25 * task.maze.pixel_size
+    task = build(Mazes(10, 15).task(11, seed).leg)
+    maze = maze_of(task)
+    margin = 0.25 * maze.pixel_size
     parameters = AdherenceParameters(step=0.06, resolution=2 * margin)
     space = ProjectionAdherence(task.constraint, task.validity(margin), parameters)
     planner = DynamicDomainRrtConnect(domain=0.42, spacing=0.105, node_states=1, balanced=True)
     asked = Problem(space, task.start, task.goal)
     result = planner.plan(asked, UniformSampler(), Termination(max_iterations=100_000), seed)
     assert result.solved
-    verdict = Judge(task.statement()).verify(result.path, task.start, task.goal)
+    verdict = Judge(task.statement).verify(result.path, task.start, task.goal)
     assert verdict.passed, verdict.message
-    far = flooded(task.maze.walls, task.maze.pixel(task.start))[task.maze.pixel(task.goal)]
-    assert verdict.length > 0.5 * far * task.maze.pixel_size
+    far = flooded(maze.walls, maze.pixel(task.start))[maze.pixel(task.goal)]
+    assert verdict.length > 0.5 * far * maze.pixel_size

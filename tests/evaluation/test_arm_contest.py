@@ -28,6 +28,7 @@ from pipeline.evaluation.soak import Load, Soak, soak_shard, soak_table, wrong
 from pipeline.evaluation.upkeep import Maintained, Upkeep, maintain
 from pipeline.reporting.arms_page import arms_page, glance
 from pipeline.reporting.soak_page import soak_page
+from pipeline.tasks import build, set_up
 
 UNPROVEN = "ours, projection, without proof"
 UPKEPT = Maintained(pd.DataFrame({"part": ["a check"]}), "as it was", pd.DataFrame({"limit": [1]}), 7)
@@ -105,7 +106,7 @@ def test_maze_walks_pass_no_wall():
     assert set(setting.adherences) == {"projection", "atlas", "tangent_bundle"}
     spacings = [choice.parameters["resolution"] for choice in setting.adherences.values()]
     assert 2 * setting.margin >= max(spacings) * (1 - 1e-9)
-    setting.family().task(0, 0).validity(setting.margin)  # and at most half a pixel: a wider one is refused
+    build(setting.family().task(0, 0).leg).validity(setting.margin)  # and at most half a pixel: a wider one is refused
 
 
 def test_upkeep_measures_what_it_says():
@@ -190,10 +191,10 @@ def test_roboplans_verdicts_are_those_of_its_own_geometry(label):
     """Where roboplan is installed, its limits are ours, and what is in collision to it is so for meshes, no margin."""
     pytest.importorskip("roboplan.core")
     setting, rng = contest().families[label], np.random.default_rng(0)
-    task, meshes = (setting.family(geometry).task(1000, 1) for geometry in (None, GEOMETRY))
+    task, meshes = (build(setting.family(geometry).task(1000, 1).leg) for geometry in (None, GEOMETRY))
     peer = RoboplanPeer(setting.description(), task.robot, RoboplanParameters())
     peer.furnish(task)
-    own = replace(task, robot=meshes.robot).validity()
+    own = set_up(replace(task.statement, robot=meshes.statement.robot)).validity()
     robot = task.robot
     np.testing.assert_array_equal(peer.scene.getPositionLimitVectors("planned"), (robot.lower, robot.upper))
     near = task.start + 0.3 * rng.normal(size=(200, robot.dimension))

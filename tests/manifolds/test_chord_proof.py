@@ -14,7 +14,8 @@ from pipeline.manifolds.chords import CLEARANCE, ChordProof
 from pipeline.manifolds.displacement import Displacement
 from pipeline.planners import Problem
 from pipeline.robots import Obstacle, Robot, Shape, Validity, attach
-from tests.robots.named import configurations, named
+from pipeline.tasks import build
+from tests.robots.named import configurations, named, settings
 from tests.robots.test_arms_validity import spread
 
 
@@ -96,7 +97,7 @@ def test_conditions_are_asked_along_the_chords():
 
 def test_refine_says_where():
     """`refine` names the given segment of the first contact, and passes what is free."""
-    task = make_family("transport", named("panda"), {}).task(5, 0)
+    task = build(make_family("transport", settings("panda"), {}).task(5, 0).leg)
     parameters = AdherenceParameters(resolution=0.05, newton_steps=1)
     space = ProjectionAdherence(task.constraint, task.validity(0.005), parameters)
     rng = np.random.default_rng(0)

@@ -10,6 +10,7 @@ from pipeline.planners import DynamicDomainRrtConnect, PlanStatus, Problem, RrtC
 from pipeline.planners.dynamic_domain import _Domains
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
+from pipeline.tasks import build
 from pipeline.verification.judge import Judge
 
 
@@ -32,16 +33,16 @@ def test_domains_learn():
 
 def asked(rows: int, columns: int, seed: int, method: str = "projection") -> Problem:
     """A maze whose walks cut no corner."""
-    task = Mazes(rows, columns).task(5, seed)
-    margin = 0.25 * task.maze.pixel_size
+    task = build(Mazes(rows, columns).task(5, seed).leg)
+    margin = 0.25 * task.conditions[0].pixel_size
     choice = Choice(method, {"step": max(0.05, 2 * margin), "resolution": 2 * margin})
     return Problem(make_adherence(choice, task.constraint, task.validity(margin)), task.start, task.goal)
 
 
 def verified(rows: int, columns: int, seed: int, path: np.ndarray) -> bool:
     """The verdict on a path through a maze of `asked`."""
-    task = Mazes(rows, columns).task(5, seed)
-    return Judge(task.statement()).verify(path, task.start, task.goal).passed
+    task = build(Mazes(rows, columns).task(5, seed).leg)
+    return Judge(task.statement).verify(path, task.start, task.goal).passed
 
 
 def test_fewer_walks_than_without():

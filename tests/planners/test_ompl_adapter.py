@@ -16,8 +16,8 @@ from pipeline.manifolds import AdherenceParameters, ProjectionAdherence, joined
 from pipeline.planners import Planner, PlanStatus, Problem, Termination, path_length
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner, available_planners
 from pipeline.robots import Obstacle, Shape, Validity, point_robot
+from pipeline.spec.statement import OnSphere, Point, Statement
 from pipeline.verification.judge import Judge
-from pipeline.verification.statement import OnSphere, Point, Statement
 from pipeline.verification.verdict import VerifierParameters
 
 SPACES = ("projection", "atlas", "tangent_bundle")

@@ -23,8 +23,8 @@ from pipeline.planners.ompl_adapter import OmplPlanner
 from pipeline.robots import Obstacle, Shape, UrdfRobot, Validity
 from pipeline.robots.turning import TURN
 from pipeline.samplers import UniformSampler
+from pipeline.spec.statement import Equation, OnPlane, Statement
 from pipeline.verification.judge import Judge
-from pipeline.verification.statement import OnPlane, Saying, Statement
 from tests.manifolds.spaces import METHODS, make
 from tests.planners.scenes import PLANNERS
 from tests.robots.crane import CRANE
@@ -57,7 +57,7 @@ def planned(space: Adherence, kind: str, start: np.ndarray, goal: np.ndarray, se
 
 
 def assert_sound(
-    space: Adherence, robot: UrdfRobot, path: np.ndarray, start: np.ndarray, goal: np.ndarray, says: Saying = ON_BASE
+    space: Adherence, robot: UrdfRobot, path: np.ndarray, start: np.ndarray, goal: np.ndarray, says: Equation = ON_BASE
 ) -> None:
     """Verified from start to goal, continuous, and at the goal but for whole turns."""
     assert np.abs(np.diff(path, axis=0)).max() < 0.2

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pipeline.problems import read_problem, solve
-from pipeline.problems.statement import statement_of
+from pipeline.problems.build import statement_of
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import Failure
 
@@ -45,7 +45,7 @@ def test_a_finger_that_stays_behind_is_refused(problem):
     """The verifier, which reads the followers itself, refuses a path on which the second finger lags by 2 mm."""
     file = read_problem(problem, time_limit=60.0)
     found = solve(file)
-    judge = Judge(statement_of(file, found.built.starts[0]))
+    judge = Judge(statement_of(file))
     path = found.path.copy()
     assert judge.verify(path, path[0], path[-1]).passed
     path[1:-1, 8] -= 0.002

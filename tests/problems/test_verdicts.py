@@ -10,9 +10,8 @@ import yaml
 
 from pipeline.errors import ProblemError
 from pipeline.problems import parts, read_problem, solve
-from pipeline.problems.build import build
+from pipeline.problems.build import build, statement_of
 from pipeline.problems.output import write_solution
-from pipeline.problems.statement import statement_of
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import Failure, Verdict
 from tests.robots.crane import CRANE
@@ -91,7 +90,7 @@ def test_parts_of_the_path_pass_as_the_whole():
     """A solved path passes again, backwards and cut into its halves, each between its own ends."""
     file = read_problem(EXAMPLES / "tray_baxter.yaml", time_limit=60.0)
     found = solve(file)
-    judge = Judge(statement_of(file, found.built.starts[0]))
+    judge = Judge(statement_of(file))
     middle = len(found.path) // 2
     for part in (found.path, found.path[::-1], found.path[: middle + 1], found.path[middle:]):
         assert judge.verify(part, part[0], part[-1]).passed
@@ -116,5 +115,5 @@ def test_written_states_on_a_limit_pass(tmp_path):
     written = frame.to_numpy()[:, 1:]
     np.testing.assert_array_equal(written, found.path)
     np.testing.assert_array_equal(frame["time_s"], found.times)
-    verdict = Judge(statement_of(found.file, found.built.starts[0])).verify(written, written[0], written[-1])
+    verdict = Judge(statement_of(found.file)).verify(written, written[0], written[-1])
     assert verdict.passed and written.max() == np.pi, verdict.message

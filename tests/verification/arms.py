@@ -4,11 +4,11 @@ import numpy as np
 
 from pipeline.robots import Obstacle, Shape, UrdfRobot
 from pipeline.robots.bodies import Geometry
+from pipeline.spec.statement import Carried, Point, Statement
 from pipeline.verification.contacts import Contacts
 from pipeline.verification.kinematics import Kinematics
 from pipeline.verification.pairs import Item, items_of_obstacles, items_of_robot, pairs_of_bodies, pairs_of_items
 from pipeline.verification.reader import read
-from pipeline.verification.statement import Carried, Point, Statement
 
 PANDA = UrdfRobot(
     urdf="package://example-robot-data/robots/panda_description/urdf/panda.urdf",

@@ -9,7 +9,7 @@ from arms import BAXTER, PANDA, contacts, known, random_path
 from pipeline.errors import ProblemError
 from pipeline.robots import Obstacle, Shape, Validity, stands_clear
 from pipeline.robots.bodies import Geometry
-from pipeline.verification.statement import Point
+from pipeline.spec.statement import Point
 
 TURNED = (0.1, 0.2, 0.3, 0.9273618495495703)
 

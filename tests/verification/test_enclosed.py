@@ -8,9 +8,9 @@ import pytest
 from arms import PANDA, UR5, contacts, random_path
 
 from pipeline.robots import Obstacle, Shape, stands_clear
+from pipeline.spec.statement import Point
 from pipeline.verification.shapes import Form, form_of
 from pipeline.verification.solids import Inside, Surface
-from pipeline.verification.statement import Point
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 SQUARES = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]

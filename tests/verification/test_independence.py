@@ -7,8 +7,8 @@ from arms import PANDA
 
 from pipeline.constraints import Constraint, upright
 from pipeline.robots import Obstacle, Robot, Shape, Validity, collision, urdf
+from pipeline.spec.statement import Carried, Level, Pinned, Statement
 from pipeline.verification import judge
-from pipeline.verification.statement import Carried, Level, Pinned, Statement
 from pipeline.verification.verdict import Failure
 
 UP = Level("panda_hand_tcp", (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))

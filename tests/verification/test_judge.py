@@ -10,8 +10,8 @@ import pytest
 from pipeline import verification
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Shape
+from pipeline.spec.statement import Mazed, OnSphere, OnTorus, Point, Statement
 from pipeline.verification.judge import Judge
-from pipeline.verification.statement import Mazed, OnSphere, OnTorus, Point, Statement
 from pipeline.verification.verdict import Failure, Verdict, VerifierParameters
 
 RADIUS = 0.002  # of the point robot [m]

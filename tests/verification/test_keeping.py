@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from arms import PANDA, known
 
+from pipeline.spec.statement import Balanced, Mazed, Point, Statement
 from pipeline.verification.keeping import Balance, Walls
 from pipeline.verification.reader import read
-from pipeline.verification.statement import Balanced, Mazed, Point, Statement
 
 FAR = 5.0  # [m]
 

@@ -9,10 +9,10 @@ import pytest
 from pipeline.constraints import TaskSpaceRegion, chain
 from pipeline.errors import RobotError
 from pipeline.robots import Geometry, Obstacle, Placement, Shape, UrdfRobot, attach
+from pipeline.spec.statement import Carried, ChainSpec, Point, Region, Statement
 from pipeline.verification.centre import centre_of_faces
 from pipeline.verification.kinematics import WORLD, Kinematics
 from pipeline.verification.reader import read, resting
-from pipeline.verification.statement import Carried, ChainSaid, Point, Region, Statement
 from tests.robots.named import ROBOT_NAMES, configurations, named, settings
 
 BRANCHES = """<robot name="branches"><link name="root"/>
@@ -134,7 +134,7 @@ def test_chain_and_carried_bodies():
     cup = Obstacle(Shape.CYLINDER, (0.0, 0.02, 0.1), (0.1, 0.2, 0.3, 0.9273618495495703), (0.06, 0.06, 0.2), "cup")
     lid = Obstacle(Shape.BOX, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.3, 0.3, 0.01), "lid")
     larger = attach(attach(planned.robot, cup, "panda_hand_tcp", mass=3.0), lid, "chain_1", mass=2.0)
-    said = ChainSaid(
+    said = ChainSpec(
         tuple(Region(*b, p, e) for b, p, e in zip(bounds, (place, held), (held, end), strict=True)), "panda_hand_tcp"
     )
     carried = (Carried(cup, "panda_hand_tcp", 3.0), Carried(lid, "chain_1", 2.0))

@@ -9,8 +9,8 @@ from arms import PANDA, random_path
 from test_enclosed import CORNERS, FACES, FLAT, written
 
 from pipeline.robots import Obstacle, Shape, stands_clear
+from pipeline.spec.statement import Carried, Level, OnPlane, OnSphere, Pinned, Point, Statement
 from pipeline.verification.judge import Judge
-from pipeline.verification.statement import Carried, Level, OnPlane, OnSphere, Pinned, Point, Statement
 
 POINT = Point(0.0001, (-1.5,) * 3, (1.5,) * 3)
 
@@ -91,7 +91,7 @@ def test_ways_to_say_an_arms_task(kind):
         else:
             tolerance = float(rng.uniform(0.05, 0.3))
             planes = [OnPlane("panda_hand_tcp", (0.0, 0.0, scale), 0.5 * scale) for scale in (1.0, -1.0)]
-            said = [replace(wide, sayings=(plane,), tolerance=tolerance, obstacles=()) for plane in planes]
+            said = [replace(wide, equations=(plane,), tolerance=tolerance, obstacles=()) for plane in planes]
         verdicts = {verdict(statement, path) for statement in said}
         assert len(verdicts) == 1
         seen |= {name for name, _ in verdicts}

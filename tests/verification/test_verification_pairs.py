@@ -10,9 +10,9 @@ from arms import BAXTER, PANDA, known
 
 from pipeline.robots import Obstacle, Shape, UrdfRobot
 from pipeline.robots.bodies import body_of
+from pipeline.spec.statement import Carried, Statement
 from pipeline.verification.pairs import disabled_pairs, pairs_of_bodies
 from pipeline.verification.reader import read
-from pipeline.verification.statement import Carried, Statement
 
 LINE = """<robot name="line">{links}{joints}</robot>"""
 

@@ -60,7 +60,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class ChainSaid:
+class ChainSpec:
     """A chain of regions whose end a frame of the robot holds; every dimension that is not fixed is a variable.
 
     Attributes:
@@ -166,7 +166,7 @@ class Follows:
     offset: float
 
 
-Saying = Follows | Level | OnPlane | OnLine | Pinned | Posed | InRegion | Joined | OnSphere | OnTorus
+Equation = Follows | Level | OnPlane | OnLine | Pinned | Posed | InRegion | Joined | OnSphere | OnTorus
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ class Mazed:
     minor: float
 
 
-Term = Balanced | Mazed
+Inequality = Balanced | Mazed
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,8 @@ class Statement:
 
     Attributes:
         robot: settings of the planning group, or a point.
-        sayings: the equations, all of which hold; those of the chain are not among them.
-        tolerance: of ||F||, with the rows of all sayings below each other.
+        equations: the equations, all of which hold; those of the chain are not among them.
+        tolerance: of ||F||, with the rows of all equations below each other (compnetx.txt, appendix D).
         obstacles: in the world.
         carried: what the robot holds.
         chain: regions whose end it holds.
@@ -215,10 +215,10 @@ class Statement:
     """
 
     robot: UrdfRobot | Point
-    sayings: tuple[Saying, ...]
-    tolerance: float
+    equations: tuple[Equation, ...]
+    tolerance: float = 1e-3
     obstacles: tuple[Obstacle, ...] = ()
     carried: tuple[Carried, ...] = ()
-    chain: ChainSaid | None = None
+    chain: ChainSpec | None = None
     touching: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
-    conditions: tuple[Term, ...] = ()
+    conditions: tuple[Inequality, ...] = ()
