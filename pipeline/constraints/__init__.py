@@ -6,6 +6,7 @@ from pipeline.constraints.compiled import Compiled
 from pipeline.constraints.conditions import Condition
 from pipeline.constraints.couplings import following
 from pipeline.constraints.feasibility import feasible
+from pipeline.constraints.free import Unconstrained
 from pipeline.constraints.poses import closed_chain, height, intersection, line, plane, pose, position, upright
 from pipeline.constraints.regions import Chain, TaskSpaceRegion, chain
 from pipeline.constraints.sphere import sphere_constraint
@@ -21,6 +22,7 @@ __all__ = [
     "Projection",
     "Structure",
     "TaskSpaceRegion",
+    "Unconstrained",
     "balanced",
     "chain",
     "closed_chain",

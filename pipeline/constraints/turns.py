@@ -16,8 +16,8 @@ def turns_on(constraint: Constraint, robot: Robot) -> Turning | None:
     Kinematics do not know turns. A constraint of another kind may (one joint follows another one, geared down): it is
     asked at random configurations.
     """
-    if robot.turns is None:
-        return None
+    if robot.turns is None or not constraint.k:
+        return robot.turns
     Q = np.random.default_rng(0).uniform(*robot.box, (_ASKED, robot.dimension))
     F, mask = constraint.value_batch(Q), robot.turning.copy()
     for joint in robot.turns.places.tolist():

@@ -1,5 +1,7 @@
 """How fast bodies move along a typical chord of a manifold: the shape of the reserves by which paths are proven."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from pipeline.constraints import Constraint
@@ -9,9 +11,11 @@ from pipeline.robots import Robot
 
 _TYPICAL = 64  # random chords are looked at
 _FAST = 0.9  # quantile of their speeds that counts as typical
+_KEPT = 16  # manifolds of which it is kept: it takes 50 ms to find out
 _PARTS, _PAYS = 4, 0.6  # chords are cut in so many parts where the fastest body then counts as so much slower
 
 
+@lru_cache(maxsize=_KEPT)
 def typical_motion(
     constraint: Constraint, robot: Robot, step: float, native: bool
 ) -> tuple[Displacement, np.ndarray, int]:

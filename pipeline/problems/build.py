@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.constraints import Constraint, feasible, turns_on
 from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
-from pipeline.errors import ConfigError, ProblemError, RobotError, told_apart, unknown
+from pipeline.errors import ProblemError, RobotError, told_apart, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity
 from pipeline.robots.description import is_file, resolve
@@ -109,8 +109,6 @@ def statement_of(file: ProblemFile) -> Statement:
     begin = _exact(file.start, held, "start") if file.start.exact else None
     said = [one for part in file.parts() for one in part(held.robot, begin)]
     equations = tuple(one for one in said if not isinstance(one, Inequality))
-    if not equations and chain is None and not held.robot.followers:
-        raise ConfigError("constraints has conditions only: a problem needs at least one equation")
     return replace(bare, equations=equations, conditions=tuple(one for one in said if isinstance(one, Inequality)))
 
 

@@ -234,8 +234,6 @@ class ProblemFile:
         require("spacing", self.spacing, at_least=_FINEST)
         require("speed", self.speed, at_least=_SLOWEST, at_most=1)
         require("seed", self.seed, at_least=0)
-        if not self.constraints and self.chain is None:
-            raise ConfigError("a problem needs constraints or a chain: without any there is no manifold")
         names = [body.name for body in (*self.obstacles, *self.grasps) if body.name]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -18,7 +18,7 @@ from pipeline.robots.symbolic import Pose, constant, joint_pose
 from pipeline.robots.turning import Turning
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """Joints, limits and geometry of a planning group.
 

@@ -12,9 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pipeline.constraints import Chain, Condition, Constraint, chain, following, intersection
+from pipeline.constraints import Chain, Condition, Constraint, Unconstrained, chain, following, intersection
 from pipeline.constraints.torus import TorusMaze
-from pipeline.errors import ConfigError
 from pipeline.keys import digest
 from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity, attach, point_robot
 from pipeline.spec.statement import Equation, Follows, Joined, Point, Statement
@@ -156,11 +155,7 @@ def _hold(statement: Statement, key: str) -> Held:
 
 
 def _constraint(statement: Statement, held: Held) -> Constraint:
-    """Return all equations of a statement; the same constraint for statements that say the same of it.
-
-    Raises:
-        ConfigError: there are none.
-    """
+    """Return all equations of a statement; the same constraint for statements that say the same of it."""
     said = [equation for equation in statement.equations if not isinstance(equation, Follows)]
 
     def make() -> Constraint:
@@ -168,7 +163,7 @@ def _constraint(statement: Statement, held: Held) -> Constraint:
         parts += [following(held.robot, tolerance=statement.tolerance)] if held.robot.followers else []
         parts += [constraint_of(held.robot, equation, statement.tolerance) for equation in said]
         if not parts:
-            raise ConfigError("a task needs at least one equation: without any there is no manifold")
+            return Unconstrained(held.robot.dimension, statement.tolerance)
         return parts[0] if len(parts) == 1 else intersection(*parts)
 
     return _CONSTRAINTS.get(digest(held.key, said, statement.tolerance), make)
@@ -198,5 +193,14 @@ class _Kept:
         found: Made = self._made[key]
         return found
 
+    def clear(self) -> None:
+        self._made.clear()
+
 
 _ROBOTS, _HELD, _CONSTRAINTS, _CONDITIONS = _Kept(), _Kept(), _Kept(), _Kept()
+
+
+def forget() -> None:
+    """Make everything anew from now on."""
+    for kept in (_ROBOTS, _HELD, _CONSTRAINTS, _CONDITIONS):
+        kept.clear()

@@ -118,7 +118,7 @@ def test_doors_open(tasks):
         assert abs(task.start[yaw]) < 5e-3 and 0.6 - 5e-3 < abs(task.goal[yaw]) < 1.1 + 5e-3
         hand = [task.robot.pose(q, task.robot.tool).translation for q in (task.start, task.goal)]
         assert hand[1][0] < hand[0][0] - 0.1
-        assert task.touching == (("panel", "frame"),)
+        assert task.touching == {("panel", "frame"): None}
 
 
 def test_trays_stay_in_both_hands(tasks):

@@ -100,6 +100,15 @@ def test_tray_keeps_its_hands():
     assert max(axis_angle(robot, q, "left_gripper", [0, 0, 1], wanted) for q in Q) < 2e-3
 
 
+def test_reach_keeps_nothing():
+    """Without a constraint the hand ends inside the shelf's compartment, and turned on the way there."""
+    robot, Q, found = states("reach_panda")
+    T = robot.pose(Q[-1], "panda_hand_tcp")
+    assert 0.25 < T.translation[2] < 0.6 and T.rotation[0, 2] > 0.99
+    assert np.ptp([robot.pose(q, "panda_hand_tcp").rotation[2, 2] for q in Q]) > 0.5
+    assert found.summary()["rows"] == [] and found.summary()["largest_violation"] == 0
+
+
 def test_line_is_straight():
     """By pinocchio Sawyer's hand is on the line through its start along y."""
     robot, Q, _ = states("line_sawyer")

@@ -127,7 +127,6 @@ CASES = {
         ConfigError,
         "resolution",
     ),
-    "no constraint": (changed(constraints=None), ConfigError, "needs constraints or a chain"),
     "constraint without kind": (
         changed(constraints=[{"frame": "panda_hand"}]),
         ConfigError,

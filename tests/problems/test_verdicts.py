@@ -2,16 +2,20 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
+from pipeline.constraints import Constraint
 from pipeline.errors import ProblemError
-from pipeline.problems import parts, read_problem, solve
+from pipeline.problems import read_problem, solve
 from pipeline.problems.build import build, statement_of
 from pipeline.problems.output import write_solution
+from pipeline.robots import Robot
+from pipeline.tasks import equations, forget
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import Failure, Verdict
 from tests.robots.crane import CRANE
@@ -58,10 +62,22 @@ def test_time_limit_is_used_before_giving_up(moody):
 
 def test_mistakes_of_planning_are_refused(monkeypatch):
     """Where planning keeps a frame 5 mm above what is asked, by its own rows soundly, no search begins."""
-    right = parts.height
-    monkeypatch.setattr(parts, "height", lambda robot, frame, value: right(robot, frame, value + 0.005))
+    right = equations.plane
+
+    def wrong(robot: Robot, frame: str, point: tuple[float, ...], *rest: Any, **keywords: Any) -> Constraint:
+        return right(robot, frame, (point[0], point[1], point[2] + 0.005), *rest, **keywords)
+
+    monkeypatch.setattr(equations, "plane", wrong)
+    forget()
     with pytest.raises(ProblemError, match=r"start: the verifier refuses it: .* is off the manifold: \|\|F\|\| = 0.00"):
         solve(read_problem(EXAMPLES / "height_panda.yaml", time_limit=2.0))
+
+
+@pytest.fixture(autouse=True)
+def anew():
+    """What a test has planning make wrongly is not kept for the next one."""
+    yield
+    forget()
 
 
 def test_every_seed_of_a_six_joint_door_is_solved(tmp_path):
