@@ -13,9 +13,8 @@ from pipeline.environments import Environment, Scene, flatten, validity
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
-from pipeline.samplers import Sampler
+from pipeline.samplers import Asked, Sampler, Then
 from pipeline.samplers.choices import Learned, check_sampler, make_sampler
-from pipeline.samplers.compnetx import CompnetxSampler
 from pipeline.schema import Choice
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import VerifierParameters
@@ -198,10 +197,10 @@ def sample_clouds(
             if not isinstance(planner, FmtStar):
                 continue
             sampler = make_sampler(method.sampler, learned)
-            if isinstance(sampler, CompnetxSampler):
-                sampler.n_ismp = sys.maxsize
+            if isinstance(sampler, Then):
+                sampler.calls = sys.maxsize
             space.reset()
-            sampler.start(space, np.random.default_rng(experiment.seed), scene.name)
+            sampler.begin(Asked(space, start, goal, scene.name), np.random.default_rng(experiment.seed))
             batch = replace(planner, samples=count + 2)
             asked = Problem(space, start, goal, scene.name)
             clouds[f"{scenario}/{method.label}"] = batch.first_batch(

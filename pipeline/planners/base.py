@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.errors import ConfigError, ProblemError, require, told_apart
 from pipeline.manifolds import Adherence, Counters, OutOfTime
 from pipeline.manifolds.chords import CLEARANCE
-from pipeline.samplers.base import Sampler
+from pipeline.samplers.base import Asked, Sampler
 
 
 class PlanStatus(Enum):
@@ -216,13 +216,13 @@ class Planner(ABC):
         while path is None or (termination.cost_below is not None and path_length(path) >= termination.cost_below):
             if path is not None and clock.tick() is not None:
                 break
-            sampler.start(space, rng, problem.scene)
+            sampler.begin(Asked(space, problem.start, problem.goal, problem.scene), rng)
             try:
                 with space.deadline.until(clock.end):
                     status, found = self._search(problem, sampler, termination, clock)
             except OutOfTime:
                 status, found = PlanStatus.TIME_LIMIT, None
-            network_time += getattr(sampler, "network_time", 0.0)
+            network_time += sampler.network_time
             if found is None:
                 break
             if path is None or path_length(found) < path_length(path):

@@ -23,7 +23,6 @@ _START, _GOAL = 0, 1
 _BARREN = 100  # calls in a row without a free sample after which there is nothing to sample
 _SHIFT = 32  # an edge is one number: sets of them are asked faster than sets of pairs
 _MOST_LATE = 200_000  # neighbours of samples added at a time, between two looks at the clock: in 2 dimensions of 4000
-_MOST_FIRST = 1024  # classical samples of the first batch that are drawn at a time, between two looks at the clock
 _ALONG = 4  # edges that are asked for a sample at once: most fail, and further ones cost less than further calls
 _ENTRIES = 1 << 16  # of tables of neighbours that are worked on between two looks at the clock: some milliseconds
 _TRIES = 5  # neighbours that a sample whose edge did not hold is hung onto, before its branch is taken back
@@ -40,36 +39,20 @@ class FmtStar(Planner):
             option, off by default.
         group: samples of the front that cost at most this much more than the cheapest are expanded with it, as a share
             of the neighbourhood's radius (median distance to the farthest neighbour); 0 is FMT*, one after the other.
-        from_start: share of the first K learned samples that go from the start towards the goal.
-        from_goal: share that go from the goal towards the start; the others go from random free configurations towards
-            the goal. Section V-E names start and random ones, section VII-A random ones; to go from both ends as
-            Algorithm 7 does is ours.
         late: classical samples that are added at a time when the front has died out, as a share of those there are.
-        arrive: a chain of learned samples within this of where it goes begins again at a random free configuration
-            [rad or m]: otherwise the batch ends up as clusters around goal and start.
     """
 
     samples: int = 1000
     radius_multiplier: float = 1.1
     heuristic: bool = False
     group: float = 0.25
-    from_start: float = 0.35
-    from_goal: float = 0.35
     late: float = 1.0
-    arrive: float = 0.1
 
     def __post_init__(self) -> None:
         require("planner.samples", self.samples, at_least=3)  # start, goal and one more
         require("planner.radius_multiplier", self.radius_multiplier, above=0)
         require("planner.group", self.group, at_least=0)
-        for name in ("from_start", "from_goal"):
-            require(f"planner.{name}", getattr(self, name), at_least=0, at_most=1)
-        if self.from_start + self.from_goal > 1:
-            raise ConfigError(
-                f"planner.from_start is {self.from_start} and planner.from_goal {self.from_goal}; together at most 1"
-            )
         require("planner.late", self.late, at_least=0)
-        require("planner.arrive", self.arrive, at_least=0)
 
     def _prepare(self, space: Adherence) -> None:
         space.prepare_screen()
@@ -96,44 +79,15 @@ class FmtStar(Planner):
 
     def first_batch(self, problem: Problem, sampler: Sampler, clock: Clock) -> np.ndarray:
         """Return start, goal and N_init - 2 free samples, fewer when time runs out (N, n)."""
-        space, K = problem.adherence, sampler.batch
+        space = problem.adherence
         found = [problem.start, problem.goal]
-        current, targets = np.repeat([problem.start], K, axis=0), np.repeat([problem.goal], K, axis=0)
-        if sampler.informed:
-            first = round(self.from_start * K)
-            last = K - min(round(self.from_goal * K), K - first)
-            current[last:], targets[last:] = problem.goal, problem.start
-            spread = self._random_free(space, sampler, last - first, clock)
-            current[first : first + len(spread)] = spread
         barren = 0
         while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
-            if not sampler.informed:  # nothing to select: all that are missing at once, where most are free
-                count = max(K, min(3 * (self.samples - len(found)) // 2, _MOST_FIRST))
-                ends, side = np.stack([problem.start, problem.goal]), np.arange(count) % 2
-                current, targets = ends[side], ends[1 - side]
-            proposals = sampler.first(current, targets)
+            proposals = sampler.cover(self.samples - len(found))
             free = space.free_rows(proposals)
             barren = 0 if free.any() else barren + 1
             found += list(proposals[free])
-            if sampler.informed:
-                current = sampler.onward.copy()
-                ended = np.flatnonzero(space.apart(current - targets) <= self.arrive)
-                spread = self._random_free(space, sampler, len(ended), clock)
-                current[ended[: len(spread)]] = spread
         return np.array(found[: self.samples])
-
-    def _random_free(self, space: Adherence, sampler: Sampler, count: int, clock: Clock) -> np.ndarray:
-        """Return up to `count` free configurations of the classical sampler, spread over the manifold (m, n)."""
-        found: list[np.ndarray] = []
-        barren = 0
-        while len(found) < count and barren < _BARREN and not clock.out_of_time():
-            missing = count - len(found)
-            # More than are missing, as some will not be free: a call for a few costs as much as one for many.
-            drawn = space.sample(sampler.rng, 2 * missing + 4)
-            fresh = drawn[space.free_rows(drawn)][:missing]
-            barren = 0 if len(fresh) else barren + 1
-            found += list(fresh)
-        return np.array(found).reshape(-1, space.dimension)
 
     def _sample_again(self, problem: Problem, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:
         """Sample from random tree nodes towards the goal until the tree has something to go on from (Algorithm 6)."""

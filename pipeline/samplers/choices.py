@@ -1,7 +1,7 @@
 """Samplers by name. Apart from the package's front door, so that classical planning does not load torch."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,6 @@ from pipeline.samplers.compnetx import CompnetxParameters, CompnetxSampler
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
 from pipeline.schema import Choice
 
-_PARAMETERS: dict[str, Any] = {"uniform": UniformParameters, "compnetx": CompnetxParameters}
-
 
 @dataclass(frozen=True)
 class Learned:
@@ -22,6 +20,30 @@ class Learned:
 
     network: CompnetxNetwork
     voxels: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of sampler.
+
+    Attributes:
+        parameters: its dataclass.
+        make: makes one of parameters and what was learned.
+        learned: whether it needs that.
+    """
+
+    parameters: type
+    make: Callable[[Any, Any], Sampler]
+    learned: bool = False
+
+
+_KINDS = {
+    "uniform": _Kind(UniformParameters, lambda p, _: UniformSampler(p.batch, p.block, p.around, p.directions)),
+    "compnetx": _Kind(
+        CompnetxParameters, lambda p, learned: CompnetxSampler(learned.network, learned.voxels, p), learned=True
+    ),
+}
+_PARAMETERS: dict[str, Any] = {name: kind.parameters for name, kind in _KINDS.items()}
 
 
 def check_sampler(choice: Choice) -> None:
@@ -40,8 +62,7 @@ def make_sampler(choice: Choice, learned: Learned | None = None) -> Sampler:
         ConfigError: an unknown kind, parameters that do not fit it, or a learned sampler without a network.
     """
     parameters = choice.make(_PARAMETERS, "sampler")
-    if choice.kind == "uniform":
-        return UniformSampler(parameters.batch, parameters.block, parameters.around, parameters.directions)
-    if learned is None:
+    kind = _KINDS[choice.kind]
+    if kind.learned and learned is None:
         raise ConfigError(f"sampler {choice.kind!r} needs a trained network: run the train stage")
-    return CompnetxSampler(learned.network, learned.voxels, **asdict(parameters))
+    return kind.make(parameters, learned)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import require
-from pipeline.manifolds import Adherence
-from pipeline.samplers.base import Sampler
+from pipeline.samplers.base import Asked, Sampler
+
+_MOST_COVER = 1024  # samples of the first batch that are drawn at a time, between two looks at the clock
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,12 @@ class UniformSampler(Sampler):
         parameters = UniformParameters(batch, block, around, directions)
         self.batch, self.block, self.around, self.lands = batch, block, around, not parameters.directions
 
-    def start(self, adherence: Adherence, rng: np.random.Generator, scene: str | None) -> None:
+    def begin(self, asked: Asked, rng: np.random.Generator) -> None:
         """Bind to a problem and forget the samples drawn for the last one."""
-        super().start(adherence, rng, scene)
-        self._drawn = np.empty((0, adherence.dimension))
+        super().begin(asked, rng)
+        self._drawn = np.empty((0, asked.adherence.dimension))
 
-    def sample(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
+    def draw(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return up to K samples of the manifold, or K directions (m, n)."""
         count = len(current)
         if len(self._drawn) < count:
@@ -53,13 +54,12 @@ class UniformSampler(Sampler):
             fresh = draw(self.rng, max(self.block, count - len(self._drawn)))
             self._drawn = np.concatenate([self._drawn, fresh])
         found, self._drawn = self._drawn[:count], self._drawn[count:]
-        self.counters.samples += len(found)
         return found
 
-    def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Return up to K samples of the manifold (m, n), the share `around` of them around `current`."""
-        near = round(self.around * len(current))
-        close = self.adherence.sample_around(self.rng, current[:near])
-        found = np.concatenate([close, self.adherence.sample(self.rng, len(current) - near)])
-        self.counters.samples += len(found)
-        return found
+    def draw_cover(self, count: int) -> np.ndarray:
+        """Return samples of the manifold (m, n), half as many again as are missing, the share `around` at the ends."""
+        count = max(self.batch, min(3 * count // 2, _MOST_COVER))
+        near = round(self.around * count)
+        ends = np.stack([self.asked.start, self.asked.goal])
+        close = self.adherence.sample_around(self.rng, ends[np.arange(count)[:near] % 2])
+        return np.concatenate([close, self.adherence.sample(self.rng, count - near)])
