@@ -275,8 +275,10 @@ def test_sampling_as_algorithm_6_has_nothing_of_ours():
 def test_the_tuned_baseline_differs_from_the_papers_by_what_was_tuned():
     """What the choices stage varies may differ from the paper's FMT*; what it does not vary is the same."""
     methods, tried = compose("benchmark").experiment.methods, compose("choices").variants
-    varied = {name for variant in tried if variant.base == "fmt" for name in (variant.get("planner") or {})}
-    own, papers = methods.fmt_tuned.planner.parameters, methods.fmt.planner.parameters
-    assert own.keys() == papers.keys() and own.samples != papers.samples
-    assert {name for name in own if own[name] != papers[name]} <= varied
-    assert methods.fmt_tuned.sampler == methods.fmt.sampler
+    tuned, papers = methods.fmt_tuned, methods.fmt
+    assert tuned.planner.parameters.samples != papers.planner.parameters.samples
+    for part in ("planner", "sampler"):
+        varied = {name for variant in tried if variant.base == "fmt" for name in (variant.get(part) or {})}
+        own, paper = tuned[part].parameters, papers[part].parameters
+        assert tuned[part].kind == papers[part].kind and own.keys() == paper.keys()
+        assert {name for name in own if own[name] != paper[name]} <= varied
