@@ -268,7 +268,7 @@ def test_sampling_as_algorithm_6_has_nothing_of_ours():
     method = compose("benchmark").experiment.methods.algorithm6_fmt
     sampler, planner = method.sampler.parameters, method.planner.parameters
     assert (sampler.points, sampler.spread) == (1, 0)
-    assert (planner.from_start, planner.from_goal, planner.arrive) == (0, 0, 0)
+    assert (sampler.from_start, sampler.from_goal, sampler.arrive) == (0, 0, 0)
     assert sampler.n_ismp * sampler.batch >= 5 * planner.samples  # even where four of five proposals are in collision
 
 

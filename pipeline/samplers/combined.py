@@ -116,7 +116,7 @@ class Mixture(Sampler):
 
 
 class Queue(Sampler):
-    """Draws many at once and hands them out one by one, refilled when empty: one call costs little more than one sample.
+    """Draws many at once and hands them out one by one, refilled when empty: a call costs little more for many.
 
     For samplers that look neither at current nor at target configurations.
 

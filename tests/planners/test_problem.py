@@ -79,9 +79,7 @@ def test_termination_values(name, value):
         *[(Rrt, "goal_bias", value) for value in (0.0, 1.1, np.nan)],
         *[(FmtStar, "samples", value) for value in (2, 0)],
         *[(FmtStar, "radius_multiplier", value) for value in (0.0, np.nan)],
-        *[(FmtStar, name, value) for name in ("from_start", "from_goal") for value in (-0.1, 1.1, np.nan)],
         *[(FmtStar, "group", value) for value in (-0.1, np.nan)],
-        (FmtStar, "arrive", -1.0),
         (FmtStar, "late", -0.5),
     ],
 )
@@ -89,15 +87,6 @@ def test_planner_parameters(kind, name, value):
     """A planner's parameter out of its range is refused with its name and value."""
     with pytest.raises(ConfigError, match=rf"planner\.{name} is {value}"):
         kind(**{name: value})
-
-
-def test_shares_of_chains():
-    """Shares of chains from start and goal that add up to more than all are refused with both."""
-    with pytest.raises(
-        ConfigError, match=r"planner\.from_start is 0\.6 and planner\.from_goal 0\.5; together at most 1"
-    ):
-        FmtStar(from_start=0.6, from_goal=0.5)
-    FmtStar(from_start=0.5, from_goal=0.5)
 
 
 def test_clock_counts_to_its_limit():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import ConfigError
-from pipeline.samplers import Sampler, UniformSampler
+from pipeline.manifolds import Adherence
+from pipeline.samplers import Asked, Sampler, UniformSampler
 from tests.manifolds.spaces import CHARTED, METHODS, sphere_space
 
 
@@ -12,7 +13,12 @@ def started(method: str, seed: int = 0, **settings) -> UniformSampler:
     space = sphere_space(method)
     space.anchor(np.array([0.0, 0.0, 1.0]))
     sampler = UniformSampler(**settings)
-    sampler.start(space, np.random.default_rng(seed), None)
+    return bound(sampler, space, seed)
+
+
+def bound(sampler: UniformSampler, space: Adherence, seed: int, scene: str | None = None) -> UniformSampler:
+    """Bind to a way from one pole to the other."""
+    sampler.begin(Asked(space, np.eye(3)[2], -np.eye(3)[2], scene), np.random.default_rng(seed))
     return sampler
 
 
@@ -59,9 +65,9 @@ def test_start_forgets_the_last_problem(method):
     first = ask(sampler, 3)
     sampler.adherence.reset()
     sampler.adherence.anchor(np.array([0.0, 0.0, 1.0]))
-    sampler.start(sampler.adherence, np.random.default_rng(5), "other scene")
+    bound(sampler, sampler.adherence, 5, "other scene")
     np.testing.assert_array_equal(ask(sampler, 3), first)
-    assert sampler.scene == "other scene" and sampler.counters.samples == 3
+    assert sampler.asked.scene == "other scene" and sampler.counters.samples == 3
 
 
 def test_covers_the_sphere_without_bias():
@@ -76,7 +82,7 @@ def test_covers_the_sphere_without_bias():
 @pytest.mark.parametrize("method", CHARTED)
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_first_batch_around_current(method, share):
-    """The share `around` of a first batch lies within reach of its current configurations, by turns; all are counted.
+    """The share `around` of a first batch lies within reach of start and goal, by turns; all are counted.
 
     Of the others, from charts that have spread, most lie elsewhere.
     """
@@ -84,8 +90,8 @@ def test_first_batch_around_current(method, share):
     space.anchor(np.array([0.0, 0.0, -1.0]))
     space.sample(np.random.default_rng(8), 2000)
     sampler = UniformSampler(around=share)
-    sampler.start(space, np.random.default_rng(9), None)
-    samples = sampler.first(ends, ends[::-1])
+    sampler.begin(Asked(space, np.eye(3)[0], np.eye(3)[1]), np.random.default_rng(9))
+    samples = sampler.cover(667)
     assert samples.shape == (1000, 3) and sampler.counters.samples == 1000
     heights = (samples * ends).sum(axis=1)  # over the tangent plane of the end that was given
     within = (np.sqrt(1 - np.minimum(heights, 1) ** 2) <= 0.3 / 0.5**0.5 + 1e-3) & (heights > 0)
@@ -96,14 +102,14 @@ def test_first_batch_around_current(method, share):
 def test_without_charts_the_first_batch_is_as_any_other():
     """With projection a first batch is what `sample` gives of the same stream."""
     one, other = started("projection", seed=7), started("projection", seed=7)
-    np.testing.assert_array_equal(one.first(np.zeros((80, 3)), np.zeros((80, 3))), ask(other, 80))
+    np.testing.assert_array_equal(one.cover(54), ask(other, 81))
 
 
 @pytest.mark.parametrize("method", CHARTED)
 def test_fewer_where_there_are_none(method):
     """Where the method finds no samples fewer come back, none at worst, and only those are counted."""
     sampler = UniformSampler()
-    sampler.start(sphere_space(method), np.random.default_rng(0), None)
+    bound(sampler, sphere_space(method), 0)
     assert ask(sampler, 7).shape == (0, 3) and sampler.counters.samples == 0
 
 
