@@ -22,7 +22,7 @@ pipeline_file = $(if $(filter quick,$(PROFILE)),dvc.yaml,profiles/$(PROFILE)/dvc
 export PATH := $(bin):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help venv test bench arms soak repro lint format types lock clean ci
+.PHONY: help venv test bench arms soak repro dag lint format types lock clean ci
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */  \1\t/' | expand -t 12
@@ -60,6 +60,9 @@ repro: venv  ## run the pipeline: PROFILE=quick (default), standard, paper
 	@[ -f $(pipeline_file) ] || { echo "profile '$(PROFILE)' has no $(pipeline_file); there are:" \
 	    $(if $(wildcard dvc.yaml),quick) $(notdir $(patsubst %/dvc.yaml,%,$(wildcard profiles/*/dvc.yaml))) >&2; exit 1; }
 	$(bin)/dvc repro $(pipeline_file)
+
+dag: venv  ## write dvc.yaml, for every profile, from what stages import and what Hydra composes
+	@$(bin)/python stages/dag.py
 
 lint: venv  ## check rules and format
 	$(bin)/ruff check .

@@ -74,6 +74,11 @@ def code_digest(*scripts: Path, root: Path = _ROOT) -> str:
     )
 
 
+def imported_files(scripts: Iterable[Path], root: Path = _ROOT) -> list[str]:
+    """Return scripts and the files of our package that they import, directly or not, relative to `root`, sorted."""
+    return sorted(_closure(scripts, root))
+
+
 def _versions(modules: Iterable[str]) -> dict[str, str]:
     """Return the versions of the installed packages that hold top-level modules, and of all that these require."""
     found: dict[str, str] = {}

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, fields
 
-from pipeline.environments.base import Split
 from pipeline.errors import require
+from pipeline.spec.scene import Split
 
 
 @dataclass(frozen=True)

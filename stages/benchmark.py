@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import BANDS, ENVIRONMENTS, Split, pick, read_problems, read_scenes
+from pipeline.environments import BANDS, ENVIRONMENTS
 from pipeline.environments.oracle import shards
 from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
@@ -23,6 +23,7 @@ from pipeline.profile import Profile
 from pipeline.recording.trials import record_trials
 from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
+from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
 
 
@@ -48,11 +49,11 @@ def main(cfg: DictConfig) -> None:
     environment = config.environment.make(ENVIRONMENTS, "environment")
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained, scenes = folder(profile, "train", name) / "model.pt", read_scenes(source)
-    every = read_problems(source, environment.robot().dimension)
+    every = read_tasks(source, scenes)
     problems = pick(every, [Split.TEST], scale.problems_per_scene, {BANDS: scale.band_problems})
     grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
-    files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
+    files = [source / SCENES, source / TASKS, voxels, trained]
     chosen = [scale.problems_per_scene, scale.band_problems, config.shard, asdict(config.environment)]
     key = digest(*files, chosen, asdict(config.experiment), code_digest(Path(__file__)))
     work = partial(run_trials, config.experiment, environment, scenes, learned)
@@ -73,7 +74,7 @@ def main(cfg: DictConfig) -> None:
         write_json(method_settings(config.experiment), out / "methods.json", "methods")
         write_json(benchmark_metrics(trials), out / "metrics.json")
         settings = OmegaConf.to_container(cfg, resolve=True)
-        record_trials(trials, problems, scenes, environment, settings, scale.recordings, out / "recordings")
+        record_trials(trials, problems, scenes, settings, scale.recordings, out / "recordings")
 
 
 if __name__ == "__main__":

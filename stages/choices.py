@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
+from pipeline.environments import ENVIRONMENTS
 from pipeline.environments.oracle import shards
 from pipeline.evaluation.choices import Variant, variant_settings, variants
 from pipeline.evaluation.hardware import hardware
@@ -23,6 +23,7 @@ from pipeline.parallel import timed_shards
 from pipeline.profile import Profile
 from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice, convert
+from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
 
 
@@ -50,11 +51,11 @@ def main(cfg: DictConfig) -> None:
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained = folder(profile, "train", name) / "model.pt"
     scenes = read_scenes(source)
-    problems = read_problems(source, environment.robot().dimension)
+    problems = read_tasks(source, scenes)
     problems = pick(problems, [Split.VALIDATION], config.profile.choices.problems_per_scene)
     grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
-    files = [source / "scenes.parquet", source / "problems.parquet", voxels, trained]
+    files = [source / SCENES, source / TASKS, voxels, trained]
     chosen = [config.profile.choices.problems_per_scene, config.shard, asdict(config.environment)]
     key = digest(*files, chosen, asdict(experiment), code_digest(Path(__file__)))
     work = partial(run_trials, experiment, environment, scenes, learned)

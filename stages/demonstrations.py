@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS, Split, read_problems, read_scenes
+from pipeline.environments import ENVIRONMENTS
 from pipeline.environments.oracle import UNVERIFIED, Oracle, demonstrate, shards
 from pipeline.files import write_json, write_table
 from pipeline.keys import code_digest, digest
@@ -18,6 +18,7 @@ from pipeline.machine import here
 from pipeline.parallel import run_shards, stamped
 from pipeline.profile import Profile
 from pipeline.schema import Choice
+from pipeline.spec.scene import SCENES, TASKS, Split, read_scenes, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
 
 
@@ -38,9 +39,9 @@ def main(cfg: DictConfig) -> None:
     environment = config.environment.make(ENVIRONMENTS, "environment")
     source = folder(config.profile.name, "scenes", config.environment.name)
     scenes = read_scenes(source)
-    problems = read_problems(source, environment.robot().dimension)
+    problems = read_tasks(source, scenes)
     problems = problems[problems.split != Split.TEST.value]
-    files = [source / "scenes.parquet", source / "problems.parquet"]
+    files = [source / SCENES, source / TASKS]
     place = here()
     chosen = [asdict(config.environment), asdict(config.oracle), config.shard]
     key = digest(*files, chosen, code_digest(Path(__file__)))

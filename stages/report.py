@@ -9,12 +9,12 @@ from omegaconf import DictConfig
 from pipeline import reporting
 from pipeline.atomic import atomic_entries, check_file
 from pipeline.config import load
-from pipeline.environments import read_scenes
 from pipeline.errors import ConfigError
 from pipeline.files import read_arrays, read_json, read_table
 from pipeline.profile import Profile
 from pipeline.recording.layout import write_layout
 from pipeline.reporting.frames import check_drawable, read_curves
+from pipeline.spec.scene import read_scenes
 from pipeline.stage import folder, guarded
 
 

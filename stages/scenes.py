@@ -3,7 +3,6 @@
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import hydra
 import pandas as pd
@@ -11,11 +10,12 @@ from omegaconf import DictConfig
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import BANDS, ENVIRONMENTS, Scene, Split, write_problems, write_scenes
+from pipeline.environments import BANDS, ENVIRONMENTS, Environment
 from pipeline.keys import code_digest, digest
 from pipeline.parallel import run_shards
 from pipeline.profile import Profile
 from pipeline.schema import Choice
+from pipeline.spec.scene import Scene, Split, write_scenes, write_tasks
 from pipeline.stage import SCRATCH, destination, guarded
 
 
@@ -42,8 +42,8 @@ def main(cfg: DictConfig) -> None:
         for scene in scenes
     }
     key = digest(asdict(config.environment), counts, code_digest(Path(__file__)))
-    problems = run_shards(
-        partial(_problems, environment, counts),
+    tasks = run_shards(
+        partial(_tasks, environment, counts),
         [(scene.name, scene) for scene in scenes],
         SCRATCH / "scenes" / key,
         config.workers,
@@ -51,12 +51,11 @@ def main(cfg: DictConfig) -> None:
     )
     with atomic_folder(target) as out:
         write_scenes(scenes, out)
-        write_problems(pd.concat(problems, ignore_index=True), out)
+        write_tasks(pd.concat(tasks, ignore_index=True), out)
 
 
-def _problems(environment: Any, counts: dict[str, int], scene: Scene) -> pd.DataFrame:
-    frame: pd.DataFrame = environment.problems(scene, counts[scene.name])
-    return frame
+def _tasks(environment: Environment, counts: dict[str, int], scene: Scene) -> pd.DataFrame:
+    return environment.tasks(scene, counts[scene.name])
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS, Split, pick, read_problems, read_scenes
+from pipeline.environments import ENVIRONMENTS
 from pipeline.evaluation import summary
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays
@@ -16,6 +16,7 @@ from pipeline.learning.recipe import Recipe, train_recipe
 from pipeline.parallel import single_threaded
 from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
+from pipeline.spec.scene import Split, pick, read_scenes, read_tasks
 from pipeline.stage import ARTIFACTS, SCRATCH, folder, guarded
 from pipeline.sweep import keep_row
 from pipeline.verification.verdict import VerifierParameters
@@ -46,7 +47,7 @@ def main(cfg: DictConfig) -> None:
     environment = config.environment.make(ENVIRONMENTS, "environment")
     source = folder(profile, "scenes", name)
     scenes = read_scenes(source)
-    problems = read_problems(source, environment.robot().dimension)
+    problems = read_tasks(source, scenes)
     problems = pick(problems, [Split.VALIDATION], config.problems_per_scene)
     recipe = Recipe(**{f.name: getattr(config, f.name) for f in fields(Recipe)})
     trained = train_recipe(recipe, ARTIFACTS, SCRATCH / "train")

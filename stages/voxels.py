@@ -8,11 +8,11 @@ from omegaconf import DictConfig
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import read_scenes
 from pipeline.files import write_arrays
 from pipeline.perception import Perception, scene_voxels
 from pipeline.profile import Profile
 from pipeline.schema import Choice
+from pipeline.spec.scene import read_scenes
 from pipeline.stage import destination, folder, guarded
 
 

@@ -26,6 +26,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 
 from pipeline.config import ROOT
+from pipeline.dag import dag
 from pipeline.files import read_table
 from pipeline.recording import read_recording
 
@@ -162,6 +163,12 @@ def test_every_profile_has_every_stage(copy, stages):
         assert stage.cmd.startswith("python ") and script == f"stages/{name}.py" and Path(stage.wdir) == copy
         assert f"profile={profile}" in overrides
         assert ("environment=sphere" in overrides) == (name != "report")
+
+
+def test_dag_is_what_make_dag_writes():
+    """The committed files are those that `make dag` would write now."""
+    for folder in PROFILES.values():
+        assert (ROOT / folder / "dvc.yaml").read_text() == dag(ROOT), "run `make dag`"
 
 
 @pytest.mark.parametrize(("profile", "name"), EACH)
@@ -469,7 +476,13 @@ def test_killed_in_every_stage_it_ends_the_same(smoke):
         return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
     before = written()
-    assert {Path(name).name for name in before} >= {"scenes.parquet", "paths.parquet", "voxels.npz", "model.pt"}
+    assert {Path(name).name for name in before} >= {
+        "scenes.jsonl",
+        "tasks.parquet",
+        "paths.parquet",
+        "voxels.npz",
+        "model.pt",
+    }
     for name in ("artifacts/smoke", "scratch"):
         shutil.rmtree(folder / name)
     (folder / "dvc.lock").unlink()

@@ -168,11 +168,11 @@ def damage(folder: Path, how: str) -> None:
         write_arrays({**grids, "voxels": np.zeros((len(grids["scene"]), 13, 13, 13), bool)}, path, "voxels")
     else:
         assert what == "lengthen"
-        problems = read_table(path, "problems")
-        write_table(problems.assign(goal=[[0.0, 0.0, 1.0, 0.0]] * len(problems)), path, "problems")
+        problems = read_table(path, "tasks")
+        write_table(problems.assign(goal=[[0.0, 0.0, 1.0, 0.0]] * len(problems)), path, "tasks")
 
 
-SCENES, PROBLEMS = "scenes/sphere/scenes.parquet", "scenes/sphere/problems.parquet"
+SCENES, PROBLEMS = "scenes/sphere/scenes.jsonl", "scenes/sphere/tasks.parquet"
 PATHS, VOXELS, MODEL = "demonstrations/sphere/paths.parquet", "voxels/sphere/voxels.npz", "train/sphere/model.pt"
 MISSING, UNREADABLE = (
     "does not exist: run the stage that writes it (`make repro`, its PROFILE)",
@@ -204,7 +204,6 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("train", "spacing=nan", ["ConfigError: spacing is nan"]),
         ("voxels", "perception.seed=-1", ["ConfigError: perception.seed is -1"]),
         ("benchmark", "cloud=-5", ["ConfigError: cloud is -5; it must be at least 1"]),
-        ("scenes", "environment.parameters.blocks=0", ["ProblemError: scene 'blocks-train-000' has no obstacles"]),
         ("scenes", "environment.parameters.margin=3", ["ProblemError: scene 'blocks-train-000' has no free space"]),
         ("scenes", "workers=${nowhere}", ["ConfigError", "be resolved", "'nowhere' not found full_key: workers"]),
         ("choices", "variants=[]", ["ConfigError: variants is empty"]),
@@ -214,12 +213,12 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("demonstrations", f"remove {SCENES}", ["ArtifactError", SCENES, MISSING]),
         ("demonstrations", f"remove {PROBLEMS}", ["ArtifactError", PROBLEMS, MISSING]),
         ("demonstrations", f"truncate {PROBLEMS}", ["ArtifactError", PROBLEMS, "not a readable parquet", UNREADABLE]),
-        ("demonstrations", f"foreign {PROBLEMS}", ["ArtifactError", PROBLEMS, "schema 'none', expected 'problems'"]),
+        ("demonstrations", f"foreign {PROBLEMS}", ["ArtifactError", PROBLEMS, "schema 'none', expected 'tasks'"]),
         ("demonstrations", f"device {PROBLEMS}", ["ArtifactError", PROBLEMS, MISSING]),
         ("demonstrations", f"fifo {SCENES}", ["ArtifactError", SCENES, MISSING]),
         ("demonstrations", f"lengthen {PROBLEMS}", ["ArtifactError", PROBLEMS, "goal of row 0", "expected 3 finite"]),
-        ("voxels", f"truncate {SCENES}", ["ArtifactError", SCENES, "not a readable parquet", UNREADABLE]),
-        ("voxels", f"foreign {SCENES}", ["ArtifactError", SCENES, "holds schema 'none', expected 'scenes'"]),
+        ("voxels", f"truncate {SCENES}", ["ArtifactError", SCENES, UNREADABLE]),
+        ("voxels", f"foreign {SCENES}", ["ArtifactError", SCENES, "holds no scenes of this version"]),
         ("train", f"remove {VOXELS}", ["ArtifactError", VOXELS, MISSING]),
         ("train", f"truncate {VOXELS}", ["ArtifactError", VOXELS, "not a readable npz", UNREADABLE]),
         ("train", f"truncate {PATHS}", ["ArtifactError", PATHS, UNREADABLE]),
@@ -280,7 +279,7 @@ def test_stages_write_where_they_are_started(chain):
     assert sorted(path.name for path in chain.iterdir()) == ["artifacts", "scratch", "stderr", "stdout"]
     assert sorted(files(chain)) == [
         *(f"artifacts/tiny/demonstrations/sphere/{n}" for n in ("metrics.json", "paths.parquet", "timing.parquet")),
-        *(f"artifacts/tiny/scenes/sphere/{n}" for n in ("problems.parquet", "scenes.parquet")),
+        *(f"artifacts/tiny/scenes/sphere/{n}" for n in ("scenes.jsonl", "tasks.parquet")),
         *(f"artifacts/tiny/train/sphere/{n}" for n in ("curves.csv", "metrics.json", "model.pt")),
         "artifacts/tiny/voxels/sphere/voxels.npz",
     ]

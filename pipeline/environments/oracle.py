@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.environments.base import Environment, Scene, flatten, validity
+from pipeline.environments.base import Environment
 from pipeline.errors import PipelineError, require
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS, Planner, Problem, Termination, path_length, shortcut
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
+from pipeline.spec.scene import Scene, flatten
+from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
 
 UNVERIFIED = "unverified"  # status of a path that the verifier refused
@@ -59,10 +61,11 @@ def demonstrate(
     the counters, path, waypoints, dimension, and planning_time [s], which alone does not repeat.
     """
     scene = scenes[problems["scene"].iloc[0]]
-    robot = environment.robot()
-    space = make_adherence(oracle.adherence, environment.constraint(), validity(environment, scene, robot))
+    setup = set_up(scene.statement)
+    validity = setup.validity(environment.margin, environment.self_margin)
+    space = make_adherence(oracle.adherence, setup.constraint, validity)
     planner: Planner = oracle.planner.make(PLANNERS, "oracle.planner")
-    judge = Judge(environment.statement(scene))
+    judge = Judge(scene.statement)
     rows: list[dict[str, Any]] = []
     tuples: Any = problems.itertuples()  # pandas types its fields as any scalar
     for problem in tuples:
@@ -79,7 +82,7 @@ def demonstrate(
             )
         except PipelineError as error:  # a problem that cannot be planned is counted, not the end of the stage
             none = dict.fromkeys(("length", "raw_length", "planning_time"), np.nan)
-            empty = flatten(np.empty((0, robot.dimension)))
+            empty = flatten(np.empty((0, space.dimension)))
             rows.append({**head, "status": "refused", "solved": False, "message": str(error), **none, **empty})
             continue
         path = shortcut(space, result.path, np.random.default_rng(seed), oracle.shortcuts)
@@ -87,7 +90,7 @@ def demonstrate(
         solved, message = result.solved, ""
         record = {k: v for k, v in result.row().items() if k not in ("claimed", "network_time")}
         if verdict is not None and not verdict.passed:
-            solved, message, path = False, verdict.message, np.empty((0, robot.dimension))
+            solved, message, path = False, verdict.message, np.empty((0, space.dimension))
             record["status"] = UNVERIFIED
         paths = {"length": path, "raw_length": result.path}
         lengths = {name: path_length(states) if solved else np.nan for name, states in paths.items()}

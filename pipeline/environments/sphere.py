@@ -18,11 +18,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pipeline.constraints import Constraint, sphere_constraint
-from pipeline.environments.base import Scene, Split
 from pipeline.errors import ConfigError, ProblemError, require
-from pipeline.robots import Obstacle, Robot, Shape, Validity, point_robot
+from pipeline.robots import Obstacle, Shape
+from pipeline.spec.scene import Scene, Split, task_rows
 from pipeline.spec.statement import OnSphere, Point, Statement
+from pipeline.tasks import set_up
 
 BLOCKS, BANDS = "blocks", "bands"
 _IDENTITY = (0.0, 0.0, 0.0, 1.0)
@@ -79,7 +79,6 @@ class SphereEnvironment:
     robot_radius: float = 0.001
     reach: float = 1.1
     tolerance: float = 0.001
-    max_iterations: int = 50
     margin: float = 0.005
     blocks: int = 500
     block_size: float = 0.1
@@ -87,10 +86,11 @@ class SphereEnvironment:
     bands: tuple[Band, ...] = field(default_factory=tuple)
     grid: int = 100_000
     slack: float = 0.003
-    frame: str = "point"
+
+    self_margin = 0.0  # a point has one body
 
     def __post_init__(self) -> None:
-        positive = ("radius", "robot_radius", "reach", "tolerance", "max_iterations", "block_size", "latitude", "grid")
+        positive = ("radius", "robot_radius", "reach", "tolerance", "block_size", "latitude", "grid")
         for name in positive:
             require(f"environment.{name}", getattr(self, name), above=0)
         for name in ("seed", "blocks", "margin", "slack"):
@@ -99,18 +99,10 @@ class SphereEnvironment:
             raise ConfigError(f"environment.reach is {self.reach} m; it must be above the radius, {self.radius} m")
         require("environment.latitude", self.latitude, at_most=1)  # the poles
 
-    def robot(self) -> Robot:
-        """Return the point mass."""
-        return point_robot(self.robot_radius, [-self.reach] * 3, [self.reach] * 3)
-
-    def constraint(self) -> Constraint:
-        """Return F(q) = ||q|| - radius."""
-        return sphere_constraint(self.robot(), self.frame, self.radius, self.tolerance, self.max_iterations)
-
-    def statement(self, scene: Scene) -> Statement:
-        """Return what is asked of paths in a scene: a point at a distance from the origin, clear of all boxes."""
+    def statement(self, obstacles: tuple[Obstacle, ...]) -> Statement:
+        """Return what is asked of paths among obstacles: a point at a distance from the origin, clear of them."""
         point = Point(self.robot_radius, (-self.reach,) * 3, (self.reach,) * 3)
-        return Statement(point, (OnSphere(self.frame, self.radius),), self.tolerance, scene.obstacles)
+        return Statement(point, (OnSphere("point", self.radius),), self.tolerance, obstacles)
 
     def scenes(self, counts: dict[Split, int]) -> list[Scene]:
         """Return the scenes of scenario 1, `counts` per split, and the one of scenario 2.
@@ -123,14 +115,15 @@ class SphereEnvironment:
         for k, split in enumerate(Split):
             for i in range(counts.get(split, 0)):
                 rng = np.random.default_rng([self.seed, 1, k, i])
-                found.append(Scene(BLOCKS, f"{BLOCKS}-{split.value}-{i:03d}", split, self._blocks(rng)))
+                blocks = self.statement(self._blocks(rng))
+                found.append(Scene(BLOCKS, f"{BLOCKS}-{split.value}-{i:03d}", split, (blocks,)))
         slabs = tuple(box for band in self.bands for box in band.obstacles(self.reach))
         if slabs:
-            found.append(Scene(BANDS, BANDS, Split.TEST, slabs))
+            found.append(Scene(BANDS, BANDS, Split.TEST, (self.statement(slabs),)))
         return found
 
-    def problems(self, scene: Scene, count: int) -> pd.DataFrame:
-        """Return `count` problems of a scene; the first ones are the same for every count.
+    def tasks(self, scene: Scene, count: int) -> pd.DataFrame:
+        """See `Environment`.
 
         Raises:
             ProblemError: the scene has no room for a start and a goal.
@@ -138,20 +131,16 @@ class SphereEnvironment:
         require("the number of problems", count, at_least=0)
         rng = np.random.default_rng([self.seed, 2, *scene.name.encode()])
         space = _FreeSpace(self, scene)
-        rows: list[dict[str, object]] = []
-        for problem in range(count):
+        ends: list[tuple[np.ndarray, np.ndarray]] = []
+        for _ in range(count):
             for _ in range(_MOST_TRIES):
                 start, goal = space.draw(rng), space.draw(rng)
                 if space.piece(start) == space.piece(goal):
                     break
             else:
                 raise ProblemError(f"scene {scene.name!r}: no connected start and goal in {_MOST_TRIES} draws")
-            rows.append({"problem": problem, "start": start, "goal": goal})
-        frame = pd.DataFrame(rows, columns=["problem", "start", "goal"])
-        frame.insert(0, "scenario", scene.scenario)
-        frame.insert(1, "scene", scene.name)
-        frame.insert(2, "split", scene.split.value)
-        return frame
+            ends.append((start, goal))
+        return task_rows(scene, ends)
 
     def _blocks(self, rng: np.random.Generator) -> tuple[Obstacle, ...]:
         size = (self.block_size,) * 3
@@ -174,7 +163,7 @@ class _FreeSpace:
     def __init__(self, environment: SphereEnvironment, scene: Scene) -> None:
         self.environment = environment
         margin = environment.margin + environment.slack
-        self.validity = Validity(environment.robot(), scene.obstacles, margin)
+        self.validity = set_up(scene.statement).validity(margin)
         grid = environment.radius * fibonacci_sphere(environment.grid)
         free = self.validity.free_rows(grid)
         if not free.any():

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from pipeline.environments import BLOCKS, ENVIRONMENTS, Split
+from pipeline.environments import BLOCKS, ENVIRONMENTS
 from pipeline.environments.oracle import Oracle
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lines, scaling_table
@@ -18,6 +18,8 @@ from pipeline.parallel import single_threaded
 from pipeline.perception import Perception, scene_voxels
 from pipeline.robots import Robot
 from pipeline.schema import Choice
+from pipeline.spec.scene import Split
+from pipeline.tasks import set_up
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,13 @@ def measure(bench: Bench) -> Measured:
     found = environment.scenes({Split.VALIDATION: bench.scenes})
     scenes = {scene.name: scene for scene in found if scene.scenario == BLOCKS}
     per_scene = -(-max(contest.problems, bench.demonstrations) // len(scenes))
-    problems = pd.concat([environment.problems(scene, per_scene) for scene in scenes.values()])
+    problems = pd.concat([environment.tasks(scene, per_scene) for scene in scenes.values()])
     problems = problems.sort_values("problem", kind="stable")  # the first of every scene, then the second ones
-    model = load_model(bench.trained) if bench.trained else _untrained(bench.model, environment.robot(), contest.seed)
+    model = (
+        load_model(bench.trained)
+        if bench.trained
+        else _untrained(bench.model, set_up(found[0].statement).robot, contest.seed)
+    )
     voxels = scene_voxels(next(iter(scenes.values())).obstacles, bench.perception.voxels, bench.perception.seed)
     place = Workplace(
         environment,

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from pipeline.environments import Environment, Scene, validity
+from pipeline.environments import Environment
 from pipeline.environments.oracle import Oracle, demonstrate, shards
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.statistics import summary
@@ -30,6 +30,8 @@ from pipeline.robots import Validity
 from pipeline.samplers import UniformSampler
 from pipeline.samplers.choices import check_sampler
 from pipeline.schema import Choice
+from pipeline.spec.scene import Scene
+from pipeline.tasks import Setup, set_up
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import VerifierParameters
 
@@ -99,14 +101,19 @@ class Workplace:
 
     def checker(self, scene: str, margin: float | None = None) -> Validity:
         """Return the checker of a scene by name."""
-        return validity(self.environment, self.scenes[scene], self.environment.robot(), margin)
+        return set_up(self.scenes[scene].statement).validity(self.environment.margin if margin is None else margin)
+
+    @property
+    def setup(self) -> Setup:
+        """Robot and constraint, which all scenes share."""
+        return set_up(next(iter(self.scenes.values())).statement)
 
     def planned(self, space: Adherence, obstacles: bool = True) -> Iterator[tuple[Problem, np.ndarray]]:
         """Yield every problem with its path, after it was planned; the first one twice, to warm up."""
         planner: Planner = self.parts.planner.make(PLANNERS, "parts.planner")
         for i in (0, *range(self.parts.plans)):
             asked: Any = self.problems.iloc[i % len(self.problems)]
-            free = Validity(self.environment.robot(), (), self.environment.margin)
+            free = Validity(self.setup.robot, (), self.environment.margin)
             space.reset(self.checker(asked.scene) if obstacles else free)
             problem = Problem(space, np.array(asked.start), np.array(asked.goal), asked.scene)
             found = planner.plan(problem, UniformSampler(), Termination(time_limit=self.time_limit), self.seed + i)
@@ -233,7 +240,7 @@ class _TimedWalks:
 def _walks(place: Workplace) -> Iterator[_Part]:
     for key, choice in place.adherences.items():
         for obstacles, name in ((True, "among obstacles"), (False, "without obstacles")):
-            space = make_adherence(choice, place.environment.constraint(), Validity(place.environment.robot(), ()))
+            space = make_adherence(choice, place.setup.constraint, Validity(place.setup.robot, ()))
             walks = _TimedWalks(space)
             space.traverse = walks  # type: ignore[method-assign]  # planners know nothing but this method
             costs = []
@@ -244,7 +251,7 @@ def _walks(place: Workplace) -> Iterator[_Part]:
 
 
 def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
-    robot, constraint = place.environment.robot(), place.environment.constraint()
+    robot, constraint = place.setup.robot, place.setup.constraint
     checker = place.checker(place.problems["scene"].iloc[0])
     states, _ = constraint.project_batch(rng.uniform(*robot.box, (4 * place.parts.calls, constraint.n)))
     free = np.array([checker.free(q) for q in states])
@@ -265,7 +272,7 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
 
 
 def _network(place: Workplace, model: Model, voxels: np.ndarray, rng: np.random.Generator) -> Iterator[_Part]:
-    robot, keys = place.environment.robot(), itertools.count()
+    robot, keys = place.setup.robot, itertools.count()
     network, plain = CompnetxNetwork(model), CompnetxNetwork(model, Products.SINGLE)
     plain.encode(0, voxels)
     # A new key every time: a scene that is known already costs nothing.
@@ -313,13 +320,13 @@ def _alternatives(
 
 
 def _paths(place: Workplace) -> Iterator[_Part]:
-    constraint, choice = place.environment.constraint(), next(iter(place.adherences.values()))
-    space = make_adherence(choice, constraint, Validity(place.environment.robot(), ()))
+    constraint, choice = place.setup.constraint, next(iter(place.adherences.values()))
+    space = make_adherence(choice, constraint, Validity(place.setup.robot, ()))
     refine, check, states = [], [], []
     for problem, path in itertools.islice(place.planned(space), 1, None):
         if not len(path):
             continue
-        judge = Judge(place.environment.statement(place.scenes[str(problem.scene)]), place.verifier)
+        judge = Judge(place.scenes[str(problem.scene)].statement, place.verifier)
         verified = partial(judge.verify, start=problem.start, goal=problem.goal)
         refine.append(times_us(space.refine, [path])[0])
         check.append(times_us(verified, [path])[0])

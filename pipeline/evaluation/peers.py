@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.constraints import Constraint
-from pipeline.environments import Environment, Scene, validity
+from pipeline.environments import Environment
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.clusters import paired_interval, success_interval
 from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
@@ -31,6 +31,8 @@ from pipeline.robots import Validity
 from pipeline.samplers import Sampler, UniformSampler
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
+from pipeline.spec.scene import Scene
+from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import VerifierParameters
 
@@ -157,11 +159,12 @@ def contest_trials(
     Columns: scene, problem (its place among the problems), planner, adherence, route, delta (NaN for ours as it is),
     claimed, verified, planning_time [s], path_length [m] (NaN when not verified).
     """
-    robot, constraint, begin = environment.robot(), environment.constraint(), time.monotonic()
-    named = {name: scenes[name] for name in problems["scene"].unique()}
-    checkers = {name: validity(environment, scene, robot) for name, scene in named.items()}
-    judges = {name: Judge(environment.statement(scene), contest.verifier) for name, scene in named.items()}
-    entrants = list(_entrants(contest, constraint, checkers[problems["scene"].iloc[0]]))
+    begin = time.monotonic()
+    setups = {name: set_up(scenes[name].statement) for name in problems["scene"].unique()}
+    checkers = {name: s.validity(environment.margin, environment.self_margin) for name, s in setups.items()}
+    judges = {name: Judge(setup.statement, contest.verifier) for name, setup in setups.items()}
+    first = problems["scene"].iloc[0]
+    entrants = list(_entrants(contest, setups[first].constraint, checkers[first]))
     spaces = list({id(entrant.space): entrant.space for entrant in entrants}.values())
     rows: list[dict[str, Any]] = []
     tuples: Any = problems.iloc[: contest.problems].itertuples()  # pandas types its fields as any scalar

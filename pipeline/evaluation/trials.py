@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.environments import Environment, Scene, flatten, validity
+from pipeline.environments import Environment
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
 from pipeline.samplers import Asked, Sampler, Then
 from pipeline.samplers.choices import Learned, check_sampler, make_sampler
 from pipeline.schema import Choice
+from pipeline.spec.scene import Scene, flatten
+from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import VerifierParameters
 
@@ -75,10 +77,8 @@ def run_trials(
     the counters, max_violation, min_clearance [m], path, waypoints, dimension. Rows are sorted by problem.
     """
     scene = scenes[problems["scene"].iloc[0]]
-    robot, constraint = environment.robot(), environment.constraint()
-    checker = validity(environment, scene, robot)
-    judge = Judge(environment.statement(scene), experiment.verifier)
-    spaces = {key: make_adherence(choice, constraint, checker) for key, choice in experiment.adherences.items()}
+    judge = Judge(scene.statement, experiment.verifier)
+    spaces = {key: _space(environment, scene, choice) for key, choice in experiment.adherences.items()}
     built: dict[str, tuple[Planner, Sampler]] = {
         key: (method.planner.make(PLANNERS, f"methods.{key}.planner"), make_sampler(method.sampler, learned))
         for key, method in experiment.methods.items()
@@ -148,6 +148,11 @@ def _trials(
         yield {**row, **flatten(result.path)}
 
 
+def _space(environment: Environment, scene: Scene, choice: Choice) -> Adherence:
+    setup = set_up(scene.statement)
+    return make_adherence(choice, setup.constraint, setup.validity(environment.margin, environment.self_margin))
+
+
 def benchmark_metrics(trials: pd.DataFrame) -> dict[str, Any]:
     """Return success, median time [ms] and median length [m] by scenario, method and adherence."""
     found: dict[str, Any] = {}
@@ -189,8 +194,7 @@ def sample_clouds(
     for scenario, rows in problems.groupby("scenario", sort=False):
         problem = rows.iloc[0]
         scene, start, goal = scenes[problem.scene], np.array(problem.start), np.array(problem.goal)
-        checker = validity(environment, scene, environment.robot())
-        space = make_adherence(adherence, environment.constraint(), checker)
+        space = _space(environment, scene, adherence)
         clouds[f"{scenario}/start"], clouds[f"{scenario}/goal"] = start, goal
         for method in experiment.methods.values():
             planner = method.planner.make(PLANNERS, "planner")

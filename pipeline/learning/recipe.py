@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.environments import ENVIRONMENTS, Split
 from pipeline.errors import ArtifactError
 from pipeline.files import read_arrays, read_table
 from pipeline.learning.batches import TrainingData
@@ -13,6 +12,8 @@ from pipeline.learning.pairs import demonstration_pairs, split_by_scene
 from pipeline.learning.training import Trained, TrainParameters, train
 from pipeline.profile import Profile
 from pipeline.schema import Choice
+from pipeline.spec.scene import Split, read_scenes
+from pipeline.tasks import set_up
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> Trained:
         ArtifactError: a file is missing or foreign, or no demonstration of a validation scene was solved.
     """
     source = artifacts / recipe.profile.name
-    environment = recipe.environment.make(ENVIRONMENTS, "environment")
-    robot, constraint = environment.robot(), environment.constraint()
+    setup = set_up(next(iter(read_scenes(source / "scenes" / recipe.environment.name).values())).statement)
+    robot, constraint = setup.robot, setup.constraint
     parameters = recipe.parameters()
     grids = read_arrays(source / "voxels" / recipe.environment.name / "voxels.npz", "voxels")
     paths = read_table(source / "demonstrations" / recipe.environment.name / "paths.parquet", "paths")

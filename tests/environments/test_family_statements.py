@@ -8,12 +8,12 @@ import pytest
 from omegaconf import OmegaConf
 
 from pipeline.config import ROOT, compose, load
-from pipeline.environments import ENVIRONMENTS, Split
-from pipeline.environments.base import validity
+from pipeline.environments import ENVIRONMENTS
 from pipeline.evaluation.families import Setting
-from pipeline.robots import Obstacle, Shape, Validity
+from pipeline.robots import Obstacle, Shape
 from pipeline.schema import Choice
-from pipeline.tasks import Task, build
+from pipeline.spec.scene import Split
+from pipeline.tasks import Task, build, set_up
 from pipeline.verification.judge import Judge
 from pipeline.verification.reader import read
 from pipeline.verification.rows import Rows
@@ -92,9 +92,10 @@ def test_sphere_environment():
     choice = load(OmegaConf.to_container(compose("scenes").environment), Choice)
     environment = Choice(choice.kind, {**choice.parameters, "blocks": 100, "grid": 3000}).make(ENVIRONMENTS, "e")
     for scene in environment.scenes({Split.TRAIN: 1}):
-        judge = Judge(environment.statement(scene))
-        exact = validity(environment, scene, environment.robot(), margin=0.0)
-        wider = Validity(environment.robot(), scene.obstacles, 2e-4)
+        judge = Judge(scene.statement)
+        setup = set_up(scene.statement)
+        exact = setup.validity()
+        wider = setup.validity(2e-4)
         points = on_sphere(np.random.default_rng(2), 400)
         told = [q for q in points if exact.free(q) == wider.free(q)]
         verdicts = [judge.verify(q[None], q, q) for q in told]

@@ -6,11 +6,12 @@ import pytest
 from omegaconf import OmegaConf
 
 from pipeline.config import compose, load
-from pipeline.environments import ENVIRONMENTS, Scene, SphereEnvironment, Split, unflatten
+from pipeline.environments import ENVIRONMENTS, SphereEnvironment
 from pipeline.environments.oracle import UNVERIFIED, Oracle, demonstrate, shards
 from pipeline.errors import ConfigError
 from pipeline.robots import Validity
 from pipeline.schema import Choice
+from pipeline.spec.scene import Scene, Split, unflatten
 from pipeline.verification.judge import Judge
 
 
@@ -32,7 +33,7 @@ def scene(environment) -> Scene:
 
 @pytest.fixture(scope="module")
 def problems(environment, scene) -> pd.DataFrame:
-    return environment.problems(scene, 6)
+    return environment.tasks(scene, 6)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def paths(environment, scene, problems) -> pd.DataFrame:
 def test_demonstrations_are_sound(environment, scene, problems, paths):
     """Every path leads from start to goal and passes the verifier; shortcuts make none longer and most shorter."""
     assert paths["solved"].all() and set(paths["status"]) == {"solved"}
-    judge = Judge(environment.statement(scene))
+    judge = Judge(scene.statement)
     for problem, row in zip(problems.itertuples(), paths.itertuples(), strict=True):
         path = unflatten(pd.Series(row._asdict()))
         verdict = judge.verify(path, problem.start, problem.goal)
@@ -63,7 +64,7 @@ def test_refused_paths_are_no_demonstrations(environment, scene, problems, monke
     refused = found[found["status"] == UNVERIFIED]
     assert len(refused) and not refused["solved"].any() and (refused["waypoints"] == 0).all()
     assert refused["message"].str.contains("contact").all() and refused["length"].isna().all()
-    judge = Judge(environment.statement(scene))
+    judge = Judge(scene.statement)
     for problem, row in zip(problems.itertuples(), found.itertuples(), strict=True):
         if row.solved:
             assert judge.verify(unflatten(pd.Series(row._asdict())), problem.start, problem.goal).passed

@@ -14,14 +14,13 @@ from pipeline.environments import (
     BLOCKS,
     ENVIRONMENTS,
     Band,
-    Scene,
     SphereEnvironment,
-    Split,
     fibonacci_sphere,
-    validity,
 )
-from pipeline.errors import ConfigError, ProblemError, RobotError
+from pipeline.errors import ConfigError, ProblemError
 from pipeline.schema import Choice
+from pipeline.spec.scene import Scene, Split
+from pipeline.tasks import set_up
 from tests.robots.worlds import on_sphere, signed_distance
 
 COUNTS = {Split.TRAIN: 2, Split.VALIDATION: 1, Split.TEST: 1}
@@ -137,7 +136,7 @@ def test_verdicts_are_those_of_the_distance(scenes, which, margin):
     """A state is free exactly where its distance to the obstacles is the point's radius and the margin, or more."""
     environment, scene = published(), scenes[which]
     points = on_sphere(np.random.default_rng(2), 4000)
-    checker = validity(environment, scene, environment.robot(), margin)
+    checker = set_up(scene.statement).validity(environment.margin if margin is None else margin)
     clear = distance(scene, points) - environment.robot_radius - (environment.margin if margin is None else margin)
     told = np.array([checker.free(q) for q in points])
     decided = np.abs(clear) > 1e-6
@@ -174,7 +173,7 @@ def permuted(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[tuple[np.ndarr
 def test_starts_and_goals_are_free_and_connected(scenes, which):
     """Starts and goals lie on the sphere, keep the margin, and brute force finds a way between them that keeps it."""
     environment, scene, count = published(), scenes[which], 150
-    problems = environment.problems(scene, count)
+    problems = environment.tasks(scene, count)
     assert problems["problem"].tolist() == list(range(count))
     for column, value in (("scenario", scene.scenario), ("scene", scene.name), ("split", scene.split.value)):
         assert set(problems[column]) == {value}
@@ -196,14 +195,15 @@ def test_pairs_go_through_passable_gaps_only(gap, passable):
     belt = ({"low": -0.1, "high": 0.1, "gap_axis": "x", "side": 1, "gap": gap},)
     environment = published(blocks=0, bands=belt)
     (scene,) = (scene for scene in environment.scenes({}) if scene.scenario == BANDS)
-    start, goal = ends(environment.problems(scene, 60))
+    start, goal = ends(environment.tasks(scene, 60))
     assert (np.sign(start[:, 2]) != np.sign(goal[:, 2])).any() == passable
     assert {*np.sign(start[:, 2])} == {-1, 1}
 
 
 def empty(**changes) -> tuple[SphereEnvironment, Scene]:
     """A sphere without obstacles, whose every grid point is free."""
-    return published(grid=500, **changes), Scene(BLOCKS, "empty", Split.TRAIN, ())
+    environment = published(grid=500, **changes)
+    return environment, Scene(BLOCKS, "empty", Split.TRAIN, (environment.statement(()),))
 
 
 def looks_uniform(points: np.ndarray) -> bool:
@@ -216,7 +216,7 @@ def looks_uniform(points: np.ndarray) -> bool:
 def test_starts_and_goals_are_uniform():
     """On an empty sphere starts and goals are uniform and independent, which normalised points of a cube are not."""
     environment, scene = empty()
-    start, goal = ends(environment.problems(scene, 2000))
+    start, goal = ends(environment.tasks(scene, 2000))
     assert looks_uniform(start) and looks_uniform(goal)
     assert kstest((start * goal).sum(axis=1), "uniform", args=(-1, 2)).pvalue > 1e-3
     cube = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
@@ -226,19 +226,19 @@ def test_starts_and_goals_are_uniform():
 def test_radius_scales_everything():
     """On a sphere of another radius starts, goals and blocks lie on that sphere."""
     environment, scene = empty(radius=0.5, blocks=20)
-    np.testing.assert_allclose(np.linalg.norm(np.concatenate(ends(environment.problems(scene, 5))), axis=1), 0.5)
+    np.testing.assert_allclose(np.linalg.norm(np.concatenate(ends(environment.tasks(scene, 5))), axis=1), 0.5)
     blocks = environment.scenes({Split.TRAIN: 1})[0].obstacles
     np.testing.assert_allclose(np.linalg.norm([o.position for o in blocks], axis=1), 0.5)
-    assert environment.constraint().value(np.array([0.5, 0.0, 0.0])) == pytest.approx(0.0)
+    assert set_up(environment.statement(())).constraint.value(np.array([0.5, 0.0, 0.0])) == pytest.approx(0.0)
 
 
 def test_first_problems_are_the_same_for_every_count(blocks):
     """A smaller number of problems are the first of a larger one; another scene or seed has others."""
     environment = published(grid=5000)
-    few, many = environment.problems(blocks[0], 3), environment.problems(blocks[0], 8)
+    few, many = environment.tasks(blocks[0], 3), environment.tasks(blocks[0], 8)
     np.testing.assert_array_equal(ends(few), np.array(ends(many))[:, :3])
-    assert len(environment.problems(blocks[0], 0)) == 0
-    others = [environment.problems(blocks[1], 8), published(grid=5000, seed=1).problems(blocks[0], 8)]
+    assert len(environment.tasks(blocks[0], 0)) == 0
+    others = [environment.tasks(blocks[1], 8), published(grid=5000, seed=1).tasks(blocks[0], 8)]
     starts = [tuple(q) for frame in (many, *others) for q in frame["start"]]
     assert len(set(starts)) == 24
 
@@ -304,23 +304,22 @@ def test_negative_numbers_of_scenes_and_problems_are_refused():
     with pytest.raises(ConfigError, match=r"scenes\.test is -1; it must be at least 0"):
         environment.scenes({Split.TRAIN: 1, Split.TEST: -1})
     with pytest.raises(ConfigError, match="number of problems is -1; it must be at least 0"):
-        environment.problems(scene, -1)
+        environment.tasks(scene, -1)
 
 
 def test_scene_without_room_is_refused(scenes):
     """A scene that leaves no free state at the margin is refused by its name."""
     with pytest.raises(ProblemError, match=r"scene 'bands' has no free space at a margin of 1\.003 m"):
-        published(margin=1.0, grid=500).problems(scenes[-1], 1)
+        published(margin=1.0, grid=500).tasks(scenes[-1], 1)
 
 
 def test_robot_reaches_as_far_as_it_says():
     """The point mass has three joints within +-reach and a frame that the constraint holds on the sphere."""
     environment = published()
-    robot = environment.robot()
+    setup = set_up(environment.statement(()))
+    robot = setup.robot
     assert robot.lower.tolist() == [-1.1] * 3 and robot.upper.tolist() == [1.1] * 3
-    constraint = environment.constraint()
+    constraint = setup.constraint
     q = np.array([0.6, 0.0, 0.7])
     assert constraint.value(q) == pytest.approx(np.linalg.norm(q) - 1)
     assert constraint.tolerance == environment.tolerance
-    with pytest.raises(RobotError, match="no frame 'hand'"):
-        published(frame="hand").constraint()

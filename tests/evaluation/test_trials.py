@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import torch
 
-from pipeline.environments import BANDS, BLOCKS, Band, SphereEnvironment, Split, unflatten, validity
+from pipeline.environments import BANDS, BLOCKS, Band, SphereEnvironment
 from pipeline.errors import ConfigError
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, Method, benchmark_metrics, run_trials, sample_clouds
@@ -18,6 +18,8 @@ from pipeline.learning.networks import Compnetx
 from pipeline.planners import PLANNERS, Planner, PlanStatus
 from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
+from pipeline.spec.scene import Split, unflatten
+from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import VerifierParameters
 from tests.robots.worlds import on_sphere, signed_distance
@@ -25,7 +27,7 @@ from tests.robots.worlds import on_sphere, signed_distance
 ENVIRONMENT = SphereEnvironment(blocks=60, grid=3000, bands=(Band(-0.1, 0.1, "x", -1, 0.3),))
 SCENES = {scene.name: scene for scene in ENVIRONMENT.scenes({Split.TEST: 1})}
 BLOCK_SCENE = SCENES["blocks-test-000"]
-PROBLEMS = ENVIRONMENT.problems(BLOCK_SCENE, 3)
+PROBLEMS = ENVIRONMENT.tasks(BLOCK_SCENE, 3)
 UNIFORM, LEARNED = Choice("uniform"), Choice("compnetx", {"batch": 4, "n_ismp": 20})
 FMT, RRT = Choice("fmt", {"samples": 60}), Choice("rrtconnect")
 METHODS = {
@@ -69,7 +71,7 @@ def test_every_method_meets_every_problem_with_every_adherence(trials):
 def test_solved_means_that_the_verifier_passes(trials):
     """The stored path of every solved row passes the verifier again, which finds the length and clearance stored."""
     assert trials["solved"].mean() > 0.9 and (trials["solved"] <= trials["claimed"]).all()
-    judge = Judge(ENVIRONMENT.statement(BLOCK_SCENE))
+    judge = Judge(BLOCK_SCENE.statement)
     for _, row in trials[trials["solved"]].iterrows():
         problem = PROBLEMS.iloc[row["problem"]]
         path = unflatten(row)
@@ -146,7 +148,7 @@ def pretended(monkeypatch) -> pd.DataFrame:
     monkeypatch.setattr(Pretender, "asked", [])
     methods = {t: Method(t, Choice("pretender", {"trick": t}), UNIFORM) for t in (*TRICKS, "none")}
     ends = on_sphere(np.random.default_rng(0), 500)
-    checker = validity(ENVIRONMENT, BLOCK_SCENE, ENVIRONMENT.robot())
+    checker = set_up(BLOCK_SCENE.statement).validity(ENVIRONMENT.margin)
     free = [q for q in ends if checker.free(q)]
     pair = next((p, q) for p in free for q in free if blocked(p, q))
     problem = PROBLEMS.iloc[:1].assign(start=[pair[0]], goal=[pair[1]])
@@ -240,12 +242,12 @@ def test_clouds_are_of_the_network_alone(learned):
 
 def test_clouds_are_the_samples_fmt_asks_for(learned):
     """Each scenario has its start, goal and a cloud per FMT* method: of the size asked for, free, repeatable."""
-    problems = pd.concat([PROBLEMS, ENVIRONMENT.problems(SCENES[BANDS], 2)])
+    problems = pd.concat([PROBLEMS, ENVIRONMENT.tasks(SCENES[BANDS], 2)])
     clouds = sample_clouds(experiment(), ENVIRONMENT, SCENES, learned, problems, 50)
     names = [f"{scenario}/{name}" for scenario in (BLOCKS, BANDS) for name in ("start", "goal", "FMT*", "L-FMT*")]
     assert list(clouds) == names
     for scenario, scene, first in ((BLOCKS, BLOCK_SCENE, 0), (BANDS, SCENES[BANDS], 3)):
-        checker = validity(ENVIRONMENT, scene, ENVIRONMENT.robot())
+        checker = set_up(scene.statement).validity(ENVIRONMENT.margin)
         for end in ("start", "goal"):
             np.testing.assert_array_equal(clouds[f"{scenario}/{end}"], problems.iloc[first][end])
         for method in ("FMT*", "L-FMT*"):

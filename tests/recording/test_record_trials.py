@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.environments import Band, SphereEnvironment, Split, flatten
+from pipeline.environments import Band, SphereEnvironment
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_json
 from pipeline.provenance import commit, planning_versions
 from pipeline.recording import foxglove_layout, read_recording
 from pipeline.recording.trials import record_trials
 from pipeline.schema import Choice
+from pipeline.spec.scene import Split, flatten
 from pipeline.verification.verdict import VerifierParameters
 from tests.robots.worlds import on_sphere
 
@@ -131,7 +132,7 @@ def test_trials_run_again_give_same_bytes(tmp_path):
     }
     asked = Experiment(methods, {"projection": Choice("projection")}, 20.0, 4, VerifierParameters())
     scene = next(iter(SCENES.values()))
-    problems = ENVIRONMENT.problems(scene, 1)
+    problems = ENVIRONMENT.tasks(scene, 1)
     found = []
     for name in ("once", "again"):
         rows = run_trials(asked, ENVIRONMENT, SCENES, None, problems)

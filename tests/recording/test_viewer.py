@@ -10,11 +10,13 @@ import pinocchio as pin
 import pytest
 from scipy.spatial import ConvexHull
 
-from pipeline.environments import Band, SphereEnvironment, Split
+from pipeline.environments import Band, SphereEnvironment
 from pipeline.problems import read_problem, solve
 from pipeline.problems.output import recording
 from pipeline.recording import Recording, time_parameterise, write_recording
 from pipeline.robots import Obstacle, Robot, Shape, UrdfRobot, attach
+from pipeline.spec.scene import Split
+from pipeline.tasks import set_up
 from tests.recording.viewer import Viewer, matrix, nanoseconds, walk, xyz
 from tests.robots import worlds
 from tests.robots.named import named
@@ -53,7 +55,7 @@ def carrying(folder: Path) -> Recording:
 def on_the_sphere(folder: Path) -> Recording:
     environment = SphereEnvironment(blocks=5, bands=(Band(-0.1, 0.1, "x", -1),))
     scene = environment.scenes({Split.TEST: 1})[0]
-    found = wandering(environment.robot(), environment.frame, scene.obstacles)
+    found = wandering(set_up(scene.statement).robot, "point", scene.obstacles)
     return Recording(**{**vars(found), "manifold_sphere_radius": environment.radius})
 
 

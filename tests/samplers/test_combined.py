@@ -34,7 +34,7 @@ def ask(sampler: Sampler, count: int) -> np.ndarray:
 
 
 def test_then():
-    """The first answers its calls, of both kinds, the second all others, which are fallback samples; all are counted."""
+    """The first answers its calls, of both kinds, the second all others, which count as fallback samples."""
     for _ in range(2):
         first, second = Marked(1.0, batch=7, informed=True), Marked(2.0, lands=False)
         sampler, space = bound(Then(first, 3, second))
