@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from pipeline.environments.furniture import box
-from pipeline.environments.task import NEAR, NEAR_ITSELF, held_down, over
-from pipeline.errors import ProblemError
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Ends, Family, Pair, held_down, over
 from pipeline.robots import Obstacle, Shape, UrdfRobot, Validity
-from pipeline.spec.task import TaskSpec, single
-from pipeline.tasks import Setup, set_up
+from pipeline.spec.statement import Statement
+from pipeline.tasks import Setup
 
 _CELL = 0.11  # from wall to wall, middle to middle [m]: corridors are 10 cm wide
 _WALL = 0.01  # thickness [m]
@@ -25,7 +25,7 @@ _LOOPS = 2  # walls taken out of the maze, so that there is more than one way
 _TRIES = 60  # of inverse kinematics
 
 
-class PenCorridors:
+class PenCorridors(Family):
     """Tasks of an arm that holds a pen 1 cm thick, whose tip goes from one cell of a maze to the farthest one.
 
     Args:
@@ -39,20 +39,23 @@ class PenCorridors:
         pen = Obstacle(Shape.BOX, (0.0, 0.0, _LENGTH / 2), (0.0, 0.0, 0.0, 1.0), (_PEN, _PEN, _LENGTH), "pen")
         self.height = _FLOOR + _HIGH - _DEEP + _LENGTH  # of the tool
         self._asked = held_down(settings, pen, self.height)
-        self.name = settings.name
+        self._arm = settings.name
 
-    def task(self, seed: int, number: int) -> TaskSpec:
+    def scene(self, number: int, rng: np.random.Generator) -> tuple[Statement, Ends] | None:
         """See `Family`."""
-        for attempt in range(20):
-            rng = np.random.default_rng([seed, number, attempt])
-            walls = _maze(rng)
-            setup = set_up(replace(self._asked, obstacles=tuple(_boxes(walls))))
-            validity = setup.validity(NEAR, NEAR_ITSELF)
-            first = (int(rng.integers(_ROWS)), int(rng.integers(_COLUMNS)))
-            ends = [self._over(cell, setup, validity, rng) for cell in (first, _farthest(walls, first))]
-            if ends[0] is not None and ends[1] is not None:
-                return single(f"corridor {self.name} {number}", setup.statement, ends[0], ends[1])
-        raise ProblemError(f"no start and goal were found for corridor {number}, {self.name!r}, seed {seed}")
+        del number
+        walls = _maze(rng)
+        return replace(self._asked, obstacles=tuple(_boxes(walls))), partial(self._ends, walls)
+
+    def name(self, number: int) -> str:
+        """See `Family`."""
+        return f"corridor {self._arm} {number}"
+
+    def _ends(self, walls: set[frozenset[tuple[int, int]]], setup: Setup, rng: np.random.Generator) -> Pair | None:
+        validity = setup.validity(NEAR, NEAR_ITSELF)
+        first = (int(rng.integers(_ROWS)), int(rng.integers(_COLUMNS)))
+        start, goal = (self._over(cell, setup, validity, rng) for cell in (first, _farthest(walls, first)))
+        return None if start is None or goal is None else (start, goal)
 
     def _over(
         self, cell: tuple[int, int], setup: Setup, validity: Validity, rng: np.random.Generator

@@ -1,17 +1,16 @@
 """Doors that an arm pulls open by their handle: a chain of two regions, hinge and handle (after compnetx.txt)."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from pipeline.constraints.inverse import InverseKinematics, with_values
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF
-from pipeline.errors import ProblemError
-from pipeline.robots import Obstacle, Placement, Robot, UrdfRobot, Validity
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Ends, Family, Pair
+from pipeline.robots import Obstacle, Placement, UrdfRobot
 from pipeline.spec.statement import Carried, ChainSpec, Region, Statement
-from pipeline.spec.task import TaskSpec, single
-from pipeline.tasks import robot_of, set_up
+from pipeline.tasks import Setup
 
 _TRIES = 50  # of inverse kinematics for the start, and for the goal
 _WIDEST = 1.3  # a door opens this far [rad]
@@ -23,7 +22,7 @@ _HANDLE = 0.06  # in front of the panel [m]
 _CLEAR = 0.22  # objects keep this from the way of the handle [m]: a hand must pass
 
 
-class DoorOpening:
+class DoorOpening(Family):
     """Tasks of an arm at the origin, with its workspace in front: one door each, hinged left or right, and clutter.
 
     Start and goal belong together: an arm gets from one to the other by opening the door step by step, were there no
@@ -33,44 +32,50 @@ class DoorOpening:
     def __init__(self, settings: UrdfRobot) -> None:
         self.settings = settings
 
-    def task(self, seed: int, number: int) -> TaskSpec:
+    def scene(self, number: int, rng: np.random.Generator) -> tuple[Statement, Ends] | None:
         """See `Family`."""
-        settings, yaw = self.settings, robot_of(self.settings).dimension  # the hinge is the chain's first variable
-        for attempt in range(20):
-            rng = np.random.default_rng([seed, number, attempt])
-            side = 1.0 if rng.random() < 0.5 else -1.0
-            hinge = np.array([rng.uniform(0.62, 0.8), side * rng.uniform(0.25, 0.4), rng.uniform(0.36, 0.55)])
-            handle, opened = rng.uniform(0.3, 0.42), rng.uniform(0.6, 1.1)
-            swing = (-_WIDEST, _SLACK) if side > 0 else (-_SLACK, _WIDEST)
-            at_hinge, at_handle = Placement(tuple(hinge.tolist())), Placement((-_HANDLE, -side * handle, 0.0))
-            ahead = Placement((0.0, 0.0, 0.0), rpy=(0.0, np.pi / 2, 0.0))  # the hand points at the panel
-            regions = (
-                Region((0, 0, 0, 0, 0, swing[0]), (0, 0, 0, 0, 0, swing[1]), at_hinge),
-                Region((0, 0, 0, 0, -_TILT, 0), (0, 0, 0, 0, _TILT, 0), at_handle, ahead),
-            )
-            panel = box("panel", (0.0, -side * (handle + 0.12) / 2, 0.0), (0.02, handle + 0.1, 0.6))
-            statement = Statement(
-                settings,
-                (),
-                obstacles=tuple(_clutter(rng, hinge, side, handle)),
-                carried=(Carried(panel, "door_0", touches={"frame": None}),),
-                chain=ChainSpec(regions, settings.tool, "door"),
-            )
-            setup = set_up(statement)
-            shut, *wider = (
-                InverseKinematics(setup.robot, setup.constraint, with_values([(yaw, -side * share * opened)]))
-                for share in np.linspace(0.0, 1.0, _STEPS + 1)
-            )
-            robot, validity = setup.robot, setup.validity(NEAR, NEAR_ITSELF)
+        del number
+        side = 1.0 if rng.random() < 0.5 else -1.0
+        hinge = np.array([rng.uniform(0.62, 0.8), side * rng.uniform(0.25, 0.4), rng.uniform(0.36, 0.55)])
+        handle, opened = rng.uniform(0.3, 0.42), rng.uniform(0.6, 1.1)
+        swing = (-_WIDEST, _SLACK) if side > 0 else (-_SLACK, _WIDEST)
+        at_hinge, at_handle = Placement(tuple(hinge.tolist())), Placement((-_HANDLE, -side * handle, 0.0))
+        ahead = Placement((0.0, 0.0, 0.0), rpy=(0.0, np.pi / 2, 0.0))  # the hand points at the panel
+        regions = (
+            Region((0, 0, 0, 0, 0, swing[0]), (0, 0, 0, 0, 0, swing[1]), at_hinge),
+            Region((0, 0, 0, 0, -_TILT, 0), (0, 0, 0, 0, _TILT, 0), at_handle, ahead),
+        )
+        panel = box("panel", (0.0, -side * (handle + 0.12) / 2, 0.0), (0.02, handle + 0.1, 0.6))
+        statement = Statement(
+            self.settings,
+            (),
+            obstacles=tuple(_clutter(rng, hinge, side, handle)),
+            carried=(Carried(panel, "door_0", touches={"frame": None}),),
+            chain=ChainSpec(regions, self.settings.tool, "door"),
+        )
+        return statement, partial(_ends, -side * opened)
 
-            def fits(q: np.ndarray, robot: Robot = robot, validity: Validity = validity) -> bool:
-                return min((q - robot.lower).min(), (robot.upper - q).min()) > _FROM_LIMITS and validity.free(q)
+    def name(self, number: int) -> str:
+        """See `Family`."""
+        return f"door {self.settings.name} {number}"
 
-            for start in filter(fits, shut.solutions(rng, _TRIES)):
-                goal = _pulled(wider, start)
-                if goal is not None and fits(goal):
-                    return single(f"door {settings.name} {number}", statement, start, goal)
-        raise ProblemError(f"no start and goal were found for door {number}, {settings.name!r}, seed {seed}")
+
+def _ends(opened: float, setup: Setup, rng: np.random.Generator) -> Pair | None:
+    """Return a configuration with the door shut, and where the arm gets from there by opening it [rad]."""
+    robot, validity, yaw = setup.robot, setup.validity(NEAR, NEAR_ITSELF), setup.held.arm.dimension  # of the hinge
+    shut, *wider = (
+        InverseKinematics(robot, setup.constraint, with_values([(yaw, share * opened)]))
+        for share in np.linspace(0.0, 1.0, _STEPS + 1)
+    )
+
+    def fits(q: np.ndarray) -> bool:
+        return min((q - robot.lower).min(), (robot.upper - q).min()) > _FROM_LIMITS and validity.free(q)
+
+    for start in filter(fits, shut.solutions(rng, _TRIES)):
+        goal = _pulled(wider, start)
+        if goal is not None and fits(goal):
+            return start, goal
+    return None
 
 
 def _pulled(steps: Sequence[InverseKinematics], q: np.ndarray) -> np.ndarray | None:

@@ -8,12 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.environments.furniture import box, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, two_ends
-from pipeline.errors import ConfigError, ProblemError
-from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Ends, Family, Pair, two_ends
+from pipeline.errors import ConfigError
+from pipeline.robots import Obstacle, UrdfRobot
 from pipeline.spec.statement import Balanced, Pinned, Statement
-from pipeline.spec.task import TaskSpec, single
-from pipeline.tasks import Setup, robot_of, set_up
+from pipeline.tasks import Setup, robot_of
 
 FEET = tuple(f"contact_{i}" for i in range(1, 5))
 _MARGIN = 0.02  # of the centre of mass to the edges of the support polygon [m]
@@ -24,7 +23,7 @@ _TRIES = 200  # times twenty random configurations
 _HAND = ((0.45, -0.7, 0.5), (1.1, 0.2, 1.4))  # where the hand begins and ends: bounds of x, y, z [m]
 
 
-class BalancedReach:
+class BalancedReach(Family):
     """Tasks of a robot that stands as it does at rest: its hand moves between places in front of it.
 
     Args:
@@ -48,29 +47,25 @@ class BalancedReach:
         self.rest: np.ndarray = robot.rest
         self._spread = np.where(upper_body, _SPREAD, _LEGS)
 
-    def task(self, seed: int, number: int) -> TaskSpec:
+    def scene(self, number: int, rng: np.random.Generator) -> tuple[Statement, Ends] | None:
         """See `Family`."""
-        for attempt in range(20):
-            rng = np.random.default_rng([seed, number, attempt])
-            setup = set_up(replace(self._asked, obstacles=tuple(_scene(rng))))
-            robot, validity = setup.robot, setup.validity(NEAR, NEAR_ITSELF)
-            data, tool = robot.model.createData(), robot.frame_id(robot.tool)
+        del number
+        return replace(self._asked, obstacles=tuple(_scene(rng))), self._ends
 
-            def fits(
-                q: np.ndarray,
-                robot: Robot = robot,
-                data: pin.Data = data,
-                tool: int = tool,
-                validity: Validity = validity,
-            ) -> bool:
-                pin.forwardKinematics(robot.model, data, q)
-                hand = pin.updateFramePlacement(robot.model, data, tool).translation
-                return bool((hand > _HAND[0]).all() and (hand < _HAND[1]).all() and validity.free(q))
+    def name(self, number: int) -> str:
+        """See `Family`."""
+        return f"reach {number}"
 
-            ends = two_ends(partial(self._draw, rng, setup), fits, _LEAST, _TRIES)
-            if ends is not None:
-                return single(f"reach {number}", setup.statement, *ends)
-        raise ProblemError(f"no start and goal were found for balanced reach {number}, seed {seed}")
+    def _ends(self, setup: Setup, rng: np.random.Generator) -> Pair | None:
+        robot, validity = setup.robot, setup.validity(NEAR, NEAR_ITSELF)
+        data, tool = robot.model.createData(), robot.frame_id(robot.tool)
+
+        def fits(q: np.ndarray) -> bool:
+            pin.forwardKinematics(robot.model, data, q)
+            hand = pin.updateFramePlacement(robot.model, data, tool).translation
+            return bool((hand > _HAND[0]).all() and (hand < _HAND[1]).all() and validity.free(q))
+
+        return two_ends(partial(self._draw, rng, setup), fits, _LEAST, _TRIES)
 
     def _draw(self, rng: np.random.Generator, setup: Setup) -> np.ndarray:
         robot = setup.robot

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.environments.furniture import box, cylinder
-from pipeline.environments.task import NEAR, NEAR_ITSELF, held_down, over, two_ends
-from pipeline.errors import ProblemError
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Ends, Family, Pair, held_down, over, two_ends
 from pipeline.robots import Obstacle, Shape, UrdfRobot
-from pipeline.spec.task import TaskSpec, single
-from pipeline.tasks import Setup, set_up
+from pipeline.spec.statement import Statement
+from pipeline.tasks import Setup
 
 _BRACKET = Path(__file__).with_name("shapes") / "bracket.obj"
 _TABLE = 0.02  # height of its top [m]
@@ -25,7 +24,7 @@ _APART = 1.0  # start and goal [rad]
 _TRIES = 10  # of inverse kinematics
 
 
-class Thicket:
+class Thicket(Family):
     """Tasks of an arm that slides the end of a long stick over a table among wires, thin plates and brackets.
 
     Args:
@@ -41,18 +40,19 @@ class Thicket:
         )
         self.height = _TABLE + _LENGTH - _DEEP  # of the tool
         self._asked = held_down(settings, stick, self.height, ("table",))
-        self.name = settings.name
+        self._arm = settings.name
 
-    def task(self, seed: int, number: int) -> TaskSpec:
+    def scene(self, number: int, rng: np.random.Generator) -> tuple[Statement, Ends] | None:
         """See `Family`."""
-        for attempt in range(20):
-            rng = np.random.default_rng([seed, number, attempt])
-            setup = set_up(replace(self._asked, obstacles=tuple(_things(rng))))
-            free = setup.validity(NEAR, NEAR_ITSELF).free
-            ends = two_ends(partial(self._draw, rng, setup), free, _APART, _TRIES)
-            if ends is not None:
-                return single(f"thicket {self.name} {number}", setup.statement, *ends)
-        raise ProblemError(f"no start and goal were found for thicket {number}, {self.name!r}, seed {seed}")
+        del number
+        return replace(self._asked, obstacles=tuple(_things(rng))), self._ends
+
+    def name(self, number: int) -> str:
+        """See `Family`."""
+        return f"thicket {self._arm} {number}"
+
+    def _ends(self, setup: Setup, rng: np.random.Generator) -> Pair | None:
+        return two_ends(partial(self._draw, rng, setup), setup.validity(NEAR, NEAR_ITSELF).free, _APART, _TRIES)
 
     def _draw(self, rng: np.random.Generator, setup: Setup) -> np.ndarray:
         """Return configurations (m, n) with the stick somewhere on the table."""

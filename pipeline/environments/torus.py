@@ -1,15 +1,18 @@
 """Mazes on a torus, drawn at random or read from a picture."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.image import imread
 
 from pipeline.constraints.torus import TorusMaze
+from pipeline.environments.task import Ends, Family, Pair
 from pipeline.errors import ProblemError, require
 from pipeline.spec.statement import Mazed, OnTorus, Point, Statement
 from pipeline.spec.task import TaskSpec, single
+from pipeline.tasks import Setup
 
 _DARK = 0.5  # brightness below which a pixel is a wall
 _RADIUS = 1e-3  # of the point [m]; the picture knows nothing of it
@@ -78,12 +81,16 @@ def maze_task(maze: TorusMaze, start: tuple[float, float], goal: tuple[float, fl
     for which, place, q in zip(("start", "goal"), (start, goal), ends, strict=True):
         if not maze.holds(q):
             raise ProblemError(f"{which} {place} of the maze is in a wall")
-    statement = Statement(
+    return single(name, maze_statement(maze), *ends)
+
+
+def maze_statement(maze: TorusMaze) -> Statement:
+    """Return what is asked of ways through a maze: to stay on the torus, and off the walls."""
+    return Statement(
         Point(_RADIUS, *_limits(maze.major, maze.minor)),
         (OnTorus(maze.major, maze.minor),),
         conditions=(Mazed(maze.walls, maze.major, maze.minor),),
     )
-    return single(name, statement, *ends)
 
 
 def _limits(major: float, minor: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -93,7 +100,7 @@ def _limits(major: float, minor: float) -> tuple[tuple[float, float, float], tup
 
 
 @dataclass(frozen=True)
-class Mazes:
+class Mazes(Family):
     """Mazes drawn at random, or one given picture, with start and goal far apart.
 
     Attributes:
@@ -108,27 +115,36 @@ class Mazes:
     wall: int = 1
     picture: Path | None = None
 
-    def task(self, seed: int, number: int) -> TaskSpec:
-        """Return problem `number` of a seed: from a random place to the farthest one, along the corridors.
+    def scene(self, number: int, rng: np.random.Generator) -> tuple[Statement, Ends] | None:
+        """See `Family`; from a random place to the farthest one, along the corridors.
 
         Raises:
             ProblemError: a picture that is none.
         """
-        rng = np.random.default_rng([seed, number])
-        if self.picture is not None:
-            maze = read_maze(self.picture)
-        else:
-            maze = TorusMaze(random_maze(rng, self.rows, self.columns, self.corridor, self.wall))
-        # In the middle of a corridor, as far as pixels tell: a bright pixel among bright ones where there is one.
-        bright = ~maze.walls
-        around = [np.roll(bright, shift, axis) for axis in (0, 1) for shift in (1, -1)]
-        inner = np.argwhere(np.logical_and.reduce([bright, *around]))
-        places = inner if len(inner) else np.argwhere(bright)
-        start = places[rng.integers(len(places))]
-        steps = _steps(maze.walls, (int(start[0]), int(start[1])))
-        goal = places[int(np.argmax(steps[places[:, 0], places[:, 1]]))]
-        ends = [(float(place[0]) + 0.5, float(place[1]) + 0.5) for place in (start, goal)]
-        return maze_task(maze, ends[0], ends[1], f"maze {number}")
+        del number
+        maze = (
+            read_maze(self.picture)
+            if self.picture is not None
+            else TorusMaze(random_maze(rng, self.rows, self.columns, self.corridor, self.wall))
+        )
+        return maze_statement(maze), partial(_far_apart, maze)
+
+    def name(self, number: int) -> str:
+        """See `Family`."""
+        return f"maze {number}"
+
+
+def _far_apart(maze: TorusMaze, setup: Setup, rng: np.random.Generator) -> Pair | None:
+    """Return a random place and the farthest one, in the middle of a corridor where pixels tell: among bright ones."""
+    del setup
+    bright = ~maze.walls
+    around = [np.roll(bright, shift, axis) for axis in (0, 1) for shift in (1, -1)]
+    inner = np.argwhere(np.logical_and.reduce([bright, *around]))
+    places = inner if len(inner) else np.argwhere(bright)
+    start = places[rng.integers(len(places))]
+    steps = _steps(maze.walls, (int(start[0]), int(start[1])))
+    goal = places[int(np.argmax(steps[places[:, 0], places[:, 1]]))]
+    return maze.point(*(start + 0.5)), maze.point(*(goal + 0.5))
 
 
 def _steps(walls: np.ndarray, start: tuple[int, int]) -> np.ndarray:

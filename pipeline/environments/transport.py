@@ -9,12 +9,11 @@ import pinocchio as pin
 
 from pipeline.constraints import Constraint
 from pipeline.environments.furniture import box, cylinder
-from pipeline.environments.task import NEAR, NEAR_ITSELF, two_ends
-from pipeline.errors import ConfigError, ProblemError
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Ends, Family, Pair, two_ends
+from pipeline.errors import ConfigError
 from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity, stands_clear
 from pipeline.spec.statement import Level, Statement
-from pipeline.spec.task import TaskSpec, single
-from pipeline.tasks import robot_of, set_up
+from pipeline.tasks import Setup, robot_of
 
 _TRIES = 80  # times fifty random configurations
 _EDGE = 0.15  # from the shoulder to where objects may stand [m], less half of the widest
@@ -50,7 +49,7 @@ STATIONS = {
 }
 
 
-class UprightTransport:
+class UprightTransport(Family):
     """Tasks of one robot: even ones on a table, odd ones with a shelf too; 15 to 40 obstacles.
 
     Start and goal are random configurations, projected, with the hand over the table among the objects.
@@ -68,25 +67,21 @@ class UprightTransport:
         self.settings, self.station = settings, STATIONS[settings.name]
         self.level = Level(settings.tool, (0.0, 0.0, 1.0), self.station.level)
 
-    def task(self, seed: int, number: int) -> TaskSpec:
+    def scene(self, number: int, rng: np.random.Generator) -> tuple[Statement, Ends] | None:
         """See `Family`."""
-        robot, station = robot_of(self.settings), self.station
-        for attempt in range(20):
-            rng = np.random.default_rng([seed, number, attempt])
-            obstacles = tuple(_scene(rng, station, shelf=number % 2 == 1))
-            if not stands_clear(robot, obstacles):  # the other arm is in the way
-                continue
-            statement = Statement(self.settings, (self.level,), obstacles=obstacles)
-            setup = set_up(statement)
-            ends = two_ends(
-                partial(_draw, rng, robot, setup.constraint),
-                partial(_among, robot, setup.validity(NEAR, NEAR_ITSELF), station, robot.model.createData()),
-                _LEAST,
-                _TRIES,
-            )
-            if ends is not None:
-                return single(f"transport {robot.name} {number}", statement, *ends)
-        raise ProblemError(f"no start and goal were found for upright transport {number}, {robot.name!r}, seed {seed}")
+        obstacles = tuple(_scene(rng, self.station, shelf=number % 2 == 1))
+        if not stands_clear(robot_of(self.settings), obstacles):  # the other arm is in the way
+            return None
+        return Statement(self.settings, (self.level,), obstacles=obstacles), self._ends
+
+    def name(self, number: int) -> str:
+        """See `Family`."""
+        return f"transport {self.settings.name} {number}"
+
+    def _ends(self, setup: Setup, rng: np.random.Generator) -> Pair | None:
+        robot, validity = setup.robot, setup.validity(NEAR, NEAR_ITSELF)
+        accept = partial(_among, robot, validity, self.station, robot.model.createData())
+        return two_ends(partial(_draw, rng, robot, setup.constraint), accept, _LEAST, _TRIES)
 
 
 def _scene(rng: np.random.Generator, station: Station, shelf: bool) -> Iterator[Obstacle]:

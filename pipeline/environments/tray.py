@@ -8,13 +8,12 @@ import numpy as np
 import pinocchio as pin
 
 from pipeline.environments.furniture import box, cylinder, random_object
-from pipeline.environments.task import NEAR, NEAR_ITSELF, two_ends
-from pipeline.errors import ConfigError, ProblemError
+from pipeline.environments.task import NEAR, NEAR_ITSELF, Ends, Family, Pair, two_ends
+from pipeline.errors import ConfigError
 from pipeline.robots import Obstacle, Placement, Shape, UrdfRobot
 from pipeline.robots.bodies import body_of
 from pipeline.spec.statement import Carried, Joined, Level, Statement
-from pipeline.spec.task import TaskSpec, single
-from pipeline.tasks import Setup, robot_of, set_up
+from pipeline.tasks import Setup, robot_of
 
 LEFT, RIGHT = "left_gripper", "right_gripper"
 _UP = (0.0, 0.0, 1.0)
@@ -25,7 +24,7 @@ _TRIES = 200  # times fifty random configurations
 _TABLE = -0.12  # its height [m]
 
 
-class TwoArmTray:
+class TwoArmTray(Family):
     """Tasks of two arms that hold a tray as they do at rest, over a table with objects and pillars.
 
     Args:
@@ -55,16 +54,17 @@ class TwoArmTray:
             carried=(Carried(tray, LEFT, beside=beside),),
         )
 
-    def task(self, seed: int, number: int) -> TaskSpec:
+    def scene(self, number: int, rng: np.random.Generator) -> tuple[Statement, Ends] | None:
         """See `Family`."""
-        for attempt in range(20):
-            rng = np.random.default_rng([seed, number, attempt])
-            setup = set_up(replace(self._asked, obstacles=tuple(_scene(rng))))
-            free = setup.validity(NEAR, NEAR_ITSELF).free
-            ends = two_ends(partial(self._draw, rng, setup), free, _LEAST, _TRIES)
-            if ends is not None:
-                return single(f"tray {number}", setup.statement, *ends)
-        raise ProblemError(f"no start and goal were found for tray {number}, seed {seed}")
+        del number
+        return replace(self._asked, obstacles=tuple(_scene(rng))), self._ends
+
+    def name(self, number: int) -> str:
+        """See `Family`."""
+        return f"tray {number}"
+
+    def _ends(self, setup: Setup, rng: np.random.Generator) -> Pair | None:
+        return two_ends(partial(self._draw, rng, setup), setup.validity(NEAR, NEAR_ITSELF).free, _LEAST, _TRIES)
 
     def _draw(self, rng: np.random.Generator, setup: Setup) -> np.ndarray:
         robot = setup.robot

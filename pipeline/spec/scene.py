@@ -31,7 +31,7 @@ class Split(Enum):
     TEST = "test"  # measured, never looked at for a choice
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Scene:
     """A place with obstacles, and what is asked of paths there.
 

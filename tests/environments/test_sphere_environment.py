@@ -257,7 +257,7 @@ NAN, INF = float("nan"), float("inf")
 WRONG = {
     **dict.fromkeys(("radius", "robot_radius", "reach", "tolerance", "block_size", "latitude"), (0.0, -1.0, NAN, INF)),
     **dict.fromkeys(("margin", "slack"), (-0.001, NAN, INF)),
-    **dict.fromkeys(("grid", "max_iterations"), (0, -1)),
+    "grid": (0, -1),
     **dict.fromkeys(("seed", "blocks"), (-1,)),
 }
 

@@ -60,7 +60,7 @@ def problems(trials) -> pd.DataFrame:
 
 
 def record(trials, problems, count, folder):
-    return record_trials(trials, problems, SCENES, ENVIRONMENT, SETTINGS, count, folder)
+    return record_trials(trials, problems, SCENES, SETTINGS, count, folder)
 
 
 @pytest.mark.parametrize("count", [1, 3])
