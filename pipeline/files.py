@@ -8,7 +8,7 @@ import json
 import math
 import os
 import stat
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +134,27 @@ def check_ordinary(path: Path) -> None:
     """
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(errno.EINVAL, "it is a folder, device, pipe or socket", str(path))
+
+
+Stamp = tuple[str, int, int]  # of a file: its path, when it was changed [ns], its size
+
+
+def stamps(files: Iterable[str | Path]) -> tuple[Stamp, ...]:
+    """Return what tells whether files were changed since; one that is missing has size -1."""
+    return tuple(map(_stamp, map(str, files)))
+
+
+def unchanged(before: Iterable[Stamp]) -> bool:
+    """Tell whether files are as they were when these stamps were taken."""
+    return all(_stamp(stamp[0]) == stamp for stamp in before)
+
+
+def _stamp(file: str) -> Stamp:
+    try:
+        about = os.stat(file)
+    except OSError:
+        return file, 0, -1
+    return file, about.st_mtime_ns, about.st_size
 
 
 def finite(value: Any) -> Any:

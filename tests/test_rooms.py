@@ -18,6 +18,7 @@ PLAIN = {
     "pipeline.robots.obstacles": {"Obstacle", "Shape"},
     "pipeline.robots.placement": {"IDENTITY", "Placement"},
     "pipeline.robots.description": {"Movable", "resolve"},
+    "pipeline.files": {"Stamp", "stamps", "unchanged"},
     # What a mesh becomes is part of what is asked; that each encloses its mesh is a test of the verifier.
     "pipeline.robots.bodies": {"Geometry", "hull", "primitive"},
     "pipeline.robots.kept": {"kept_pieces"},

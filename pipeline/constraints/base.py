@@ -85,20 +85,21 @@ class Constraint:
         self.numbers = numbers.values
         self.structure = structure_of(q, expression, numbers.symbols, f"constraint {name!r}")
         self.tolerance, self.max_iterations = tolerance, max_iterations
-        self._machine = False
+        self._machine: bool | None = False
 
     @property
     def manifold_dimension(self) -> int:
         """n - k, where the constraint has full rank."""
         return self.n - self.k
 
-    def prepare(self, native: bool = False) -> None:
+    def prepare(self, native: bool | None = False) -> None:
         """Make the functions that evaluate it now, not within the time limit of a first plan.
 
-        With `native` they are machine code from now on, where a C compiler is found; results stay the same.
+        With `native` they are machine code from now on, where a C compiler is found, with None where they were compiled
+        before; results stay the same.
         """
-        if native and not self._machine:
-            self._machine = True
+        if native is not False and self._machine is False:
+            self._machine = native
             for name in _EVALUATED:
                 self.__dict__.pop(name, None)  # those made before
         for name in _EVALUATED:
@@ -128,7 +129,7 @@ class Constraint:
         key: tuple[Hashable, ...],
         make: Callable[[], Expressions],
         columns: int = 1,
-        machine: bool = False,
+        machine: bool | None = False,
         bound: Sequence[np.ndarray | float] = (),
     ) -> Compiled:
         """Return a function of this constraint's numbers that others of its structure share (`Structure.compiled`)."""

@@ -29,7 +29,7 @@ class Unconstrained(Constraint):
         """How many configurations a batch takes at a time."""
         return _BLOCK
 
-    def prepare(self, native: bool = False) -> None:
+    def prepare(self, native: bool | None = False) -> None:
         """Do nothing: there is nothing to make."""
         del native
 

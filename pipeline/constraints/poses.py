@@ -130,7 +130,8 @@ def vector(values: Sequence[float]) -> np.ndarray:
 def unit(values: Sequence[float], what: str) -> np.ndarray:
     """Return a vector (3,) of length 1; `what` names it where it is none."""
     found = vector(values)
-    size = float(np.linalg.norm(found))
-    if not size > 0:
+    largest = float(np.abs(found).max())
+    if not largest > 0:
         raise ConstraintError(f"{what} is {list(values)}; it must not be zero")
-    return found / size
+    found = found / largest  # squares of very large or small numbers are none
+    return np.asarray(found / np.linalg.norm(found))

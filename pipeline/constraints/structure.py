@@ -67,7 +67,7 @@ class Structure:
         make: Callable[[], Expressions],
         numbers: np.ndarray,
         columns: int = 1,
-        machine: bool = False,
+        machine: bool | None = False,
         bound: Sequence[np.ndarray | float] = (),
     ) -> Compiled:
         """Return a function with its own arguments and results, whose last arguments are bound to values.
@@ -77,12 +77,14 @@ class Structure:
             make: called once for a key; its results may depend on `p`.
             numbers: values of `p` (p,).
             columns: how many configurations one call takes (see `Compiled`).
-            machine: as machine code where there is a C compiler.
+            machine: as machine code where there is a C compiler; None: where it was compiled before.
             bound: values of the last arguments that `make` returns, which are bound as well.
         """
         function = self._kept((key, columns), lambda: self._mapped(key, make, columns))
-        if machine:
-            function = self._kept((key, columns, "machine"), lambda: native(function) or function)
+        if machine is not False:
+            plain, kept_only = function, machine is None
+            made = (key, columns, "kept" if kept_only else "machine")
+            function = self._kept(made, lambda: native(plain, kept_only) or plain)
         return Compiled(function, bound=[*bound, *([numbers] if len(numbers) else [])])
 
     def _mapped(self, key: tuple[Hashable, ...], make: Callable[[], Expressions], columns: int) -> ca.Function:

@@ -105,7 +105,8 @@ class AdherenceParameters:
             are looked at every `refinement`, and what lies in between can be missed.
         refinement: spacing of those looks [rad or m]; None for `resolution`.
         native: evaluate steps and projections as machine code where a C compiler is found, with the same results;
-            compiling takes seconds, once for each robot, constraint and parameters.
+            compiling takes seconds, once for each robot, kind of constraint and parameters. None: where they were
+            compiled before.
     """
 
     step: float = 0.05
@@ -117,7 +118,7 @@ class AdherenceParameters:
     lookahead: int = 8
     proof: bool = True
     refinement: float | None = None
-    native: bool = False
+    native: bool | None = False
 
     def __post_init__(self) -> None:
         for name in ("step", "leap", "wander", "resolution"):

@@ -50,7 +50,7 @@ class Displacement:
         of_pairs: numbers of the relations whose motions add up to that of each self-collision pair (P, 2); -1 for none.
     """
 
-    def __init__(self, robot: Robot, native: bool = False) -> None:
+    def __init__(self, robot: Robot, native: bool | None = False) -> None:
         carriers = [int(body.parentJoint) for body in robot.geometry.geometryObjects]
         pairs = [(carriers[pair.first], carriers[pair.second]) for pair in robot.geometry.collisionPairs]
         worlds = [(0, joint) for joint in carriers if joint]
@@ -96,7 +96,7 @@ def _by_common_joint(model: pin.Model, one: int, other: int) -> list[tuple[int, 
 class _Poses:
     """Poses of joints' frames as other joints see them, at many configurations at once."""
 
-    def __init__(self, robot: Robot, views: list[tuple[int, int]], native: bool) -> None:
+    def __init__(self, robot: Robot, views: list[tuple[int, int]], native: bool | None) -> None:
         q, p = ca.SX.sym("q", robot.dimension), Numbers()
         joints = sorted({joint for pair in views for joint in pair})
         placed = dict(zip(joints, robot.symbolic_joint_poses(q, joints, p), strict=True))

@@ -26,7 +26,7 @@ class Screen:
         native: evaluate as machine code where there is a C compiler; compiling takes a second.
     """
 
-    def __init__(self, constraint: Constraint, newton_steps: int, resolution: float, native: bool) -> None:
+    def __init__(self, constraint: Constraint, newton_steps: int, resolution: float, native: bool | None) -> None:
         self._constraint = constraint
         self._halves = resolution * np.array([2.0, 4.0, 8.0])
         steps, squared = min(newton_steps, 3), constraint.tolerance**2

@@ -17,7 +17,7 @@ _PARTS, _PAYS = 4, 0.6  # chords are cut in so many parts where the fastest body
 
 @lru_cache(maxsize=_KEPT)
 def typical_motion(
-    constraint: Constraint, robot: Robot, step: float, native: bool
+    constraint: Constraint, robot: Robot, step: float, native: bool | None
 ) -> tuple[Displacement, np.ndarray, int]:
     """Return how bodies move along chords, how fast along typical ones, and in how many parts these are looked at.
 

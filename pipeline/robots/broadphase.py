@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 _place = pin.updateGeometryPlacements
+_ASKEW = pin.rpy.rpyToMatrix(0.5, 0.6, 0.7)  # no axis of a file is along one of a frame turned by it
 
 
 class BroadPhase:
@@ -25,7 +26,7 @@ class BroadPhase:
     """
 
     def __init__(self, model: pin.Model, geometry: pin.GeometryModel, margins: Sequence[float]) -> None:
-        bodies = geometry.geometryObjects
+        bodies = [_with_volume(body) for body in geometry.geometryObjects]
         order = sorted(range(len(bodies)), key=lambda i: not bodies[i].parentJoint)  # those that move first
         place = {body: i for i, body in enumerate(order)}
         self._moving = sum(1 for body in bodies if body.parentJoint)
@@ -94,3 +95,23 @@ class BroadPhase:
     def _touch(self, pair: int) -> bool:
         """Tell whether a pair of bodies that both stand is nearer than its margin."""
         return bool(pin.computeCollision(self._all, self._placed, pair))
+
+
+def _with_volume(body: pin.GeometryObject) -> pin.GeometryObject:
+    """Return a body, or the same one in a frame of its own that is turned: pinocchio's managers leave out flat boxes.
+
+    A mesh that is flat along an axis of its frame (a sheet, a wall of two triangles) has a box without volume there.
+    """
+    mesh = body.geometry
+    mesh.computeLocalAABB()
+    if mesh.aabb_local.volume() > 0 or not isinstance(mesh, coal.BVHModelBase):
+        return body
+    vertices = np.array(mesh.vertices()).reshape(-1, 3) @ _ASKEW  # rows: turned by the inverse
+    turned = coal.BVHModelOBBRSS()
+    turned.beginModel(mesh.num_tris, len(vertices))
+    for i in range(mesh.num_tris):
+        corners = mesh.tri_indices(i)
+        turned.addTriangle(*(vertices[corners[k]] for k in range(3)))
+    turned.endModel()
+    placement = body.placement * pin.SE3(_ASKEW, np.zeros(3))
+    return pin.GeometryObject(body.name, body.parentJoint, body.parentFrame, placement, turned)

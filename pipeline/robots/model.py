@@ -36,6 +36,7 @@ class Robot:
         turning: which variables turn without end, a turn later being the same place (n,); none unless given.
         placed: names of joints and frames that a task has put somewhere; all others are the description's.
         loaded: joints that carry masses of a task, by pinocchio's numbers.
+        files: that it was read from.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Robot:
     turning: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
     placed: frozenset[str] = frozenset()
     loaded: frozenset[int] = frozenset()
+    files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not len(self.turning):

@@ -3,6 +3,7 @@
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -116,6 +117,8 @@ class UrdfRobot:
         coupled = {name: through(name, followers) for name in self.joints if name in followers}
         self._follow(model, coupled, endless)
         _unbound(model, endless)
+        read = [str(path), *([str(resolve(self.srdf, self.package_dirs))] if self.srdf else [])]
+        read += sorted({body.meshPath for body in geometry.geometryObjects if Path(body.meshPath).is_file()})
         geometry = simplified(geometry, self.geometry)
         base = frozenset(body.name for body in geometry.geometryObjects if not body.parentJoint)
         fastened = [str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") == "fixed"]
@@ -150,6 +153,7 @@ class UrdfRobot:
             base=base,
             followers=coupled,
             turning=np.array([name in endless for name in self.joints], bool),
+            files=tuple(read),
         )
         robot.frame_id(self.tool)
         return robot

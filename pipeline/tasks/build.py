@@ -5,15 +5,17 @@ milliseconds: so everything here is kept by what it follows from.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 from typing import Any, TypeVar
 
 import numpy as np
 
 from pipeline.constraints import Chain, Condition, Constraint, Unconstrained, chain, following, intersection
 from pipeline.constraints.torus import TorusMaze
+from pipeline.files import Stamp, stamps, unchanged
 from pipeline.keys import digest
 from pipeline.robots import Obstacle, Robot, UrdfRobot, Validity, attach, point_robot
 from pipeline.spec.statement import Equation, Follows, Joined, Point, Statement
@@ -33,14 +35,14 @@ class Held:
         robot: with the chain's virtual joints and the bodies it carries.
         chain: that it holds the end of.
         touching: pairs of a carried body and an obstacle that may touch, and how deep [m]; None for the usual depth.
-        key: of all that it follows from.
+        key: no two have the same.
     """
 
     arm: Robot
     robot: Robot
     chain: Chain | None
     touching: dict[tuple[str, str], float | None]
-    key: str
+    key: int
 
 
 @dataclass(frozen=True)
@@ -131,16 +133,16 @@ def robot_of(settings: UrdfRobot | Point) -> Robot:
             return point_robot(settings.radius, settings.lower, settings.upper)
         return settings.robot()
 
-    return _ROBOTS.get(digest(settings), make)
+    return _ROBOTS.get(digest(settings), make, lambda robot: robot.files)
 
 
 def hold(statement: Statement) -> Held:
     """Return the robot of a statement with what it holds; the same one for statements that say the same of it."""
     key = digest(statement.robot, statement.chain, statement.carried)
-    return _HELD.get(key, lambda: _hold(statement, key))
+    return _HELD.get(key, lambda: _hold(statement), lambda held: held.robot.files)
 
 
-def _hold(statement: Statement, key: str) -> Held:
+def _hold(statement: Statement) -> Held:
     arm = robot = robot_of(statement.robot)
     held: Chain | None = None
     if statement.chain is not None:
@@ -150,8 +152,10 @@ def _hold(statement: Statement, key: str) -> Held:
     touching: dict[tuple[str, str], float | None] = {}
     for carried in statement.carried:
         robot = attach(robot, carried.body, carried.frame, carried.beside, carried.mass)
+        if carried.body.file:
+            robot = replace(robot, files=(*robot.files, carried.body.file))
         touching |= {(carried.body.name, name): depth for name, depth in carried.touches.items()}
-    return Held(arm, robot, held, touching, key)
+    return Held(arm, robot, held, touching, next(_NUMBERS))
 
 
 def _constraint(statement: Statement, held: Held) -> Constraint:
@@ -166,7 +170,7 @@ def _constraint(statement: Statement, held: Held) -> Constraint:
             return Unconstrained(held.robot.dimension, statement.tolerance)
         return parts[0] if len(parts) == 1 else intersection(*parts)
 
-    return _CONSTRAINTS.get(digest(held.key, said, statement.tolerance), make)
+    return _CONSTRAINTS.get((held.key, digest(said, statement.tolerance)), make)
 
 
 def _conditions(statement: Statement, held: Held) -> tuple[Condition | TorusMaze, ...]:
@@ -175,28 +179,32 @@ def _conditions(statement: Statement, held: Held) -> tuple[Condition | TorusMaze
     def make() -> tuple[Condition | TorusMaze, ...]:
         return tuple(condition_of(held.robot, inequality) for inequality in statement.conditions)
 
-    return _CONDITIONS.get(digest(held.key, statement.conditions), make)
+    return _CONDITIONS.get((held.key, digest(statement.conditions)), make)
 
 
 class _Kept:
-    """What was made last, by what it follows from."""
+    """What was made last, by what it follows from, for as long as the files that it was read from are the same."""
 
     def __init__(self) -> None:
-        self._made: OrderedDict[Hashable, Any] = OrderedDict()
+        self._made: OrderedDict[Hashable, tuple[Any, tuple[Stamp, ...]]] = OrderedDict()
 
-    def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
-        if key not in self._made:
-            self._made[key] = make()
+    def get(
+        self, key: Hashable, make: Callable[[], Made], files: Callable[[Made], Iterable[str]] = lambda _: ()
+    ) -> Made:
+        if key not in self._made or not unchanged(self._made[key][1]):
+            made = make()
+            self._made[key] = made, () if files is None else stamps(files(made))
             if len(self._made) > _MOST:
                 self._made.popitem(last=False)
         self._made.move_to_end(key)
-        found: Made = self._made[key]
+        found: Made = self._made[key][0]
         return found
 
     def clear(self) -> None:
         self._made.clear()
 
 
+_NUMBERS = count()
 _ROBOTS, _HELD, _CONSTRAINTS, _CONDITIONS = _Kept(), _Kept(), _Kept(), _Kept()
 
 

@@ -16,6 +16,7 @@ from pipeline.constraints import (
     sphere_constraint,
     upright,
 )
+from pipeline.constraints.poses import unit
 from pipeline.constraints.torus import TorusMaze, torus_constraint
 from pipeline.robots import Robot
 from pipeline.spec.statement import (
@@ -72,5 +73,4 @@ _MADE: dict[type, Callable[..., Constraint]] = {
 
 def _foot(e: Any) -> tuple[float, ...]:
     """The point of a plane that is nearest to the world's origin (3,) [m]."""
-    size = sum(c * c for c in e.normal) ** 0.5
-    return tuple(float(c) / size * e.distance if size else 0.0 for c in e.normal)
+    return tuple((e.distance * unit(e.normal, "normal")).tolist())

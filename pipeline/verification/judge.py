@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.files import stamps
 from pipeline.robots.bodies import Geometry
 from pipeline.robots.description import resolve
 from pipeline.robots.urdf import UrdfRobot
@@ -25,10 +26,12 @@ from pipeline.verification.pairs import (
     items_of_robot,
     pairs_of_bodies,
     pairs_of_items,
+    touched,
 )
 from pipeline.verification.reader import read
 from pipeline.verification.rows import Rows
 from pipeline.verification.standing import standing_contact
+from pipeline.verification.urdf import read_urdf
 from pipeline.verification.verdict import CLEARANCE, Failure, Touch, Verdict, VerifierParameters
 
 _KEPT = 8  # robots that are kept, with their meshes read
@@ -68,7 +71,7 @@ class Judge:
         self._items = [*robot.items, *items_of_obstacles(statement.obstacles)]
         pairs = pairs_of_items(statement, robot.kinematics, self._items, robot.pairs)
         self._contacts = Contacts(robot.kinematics, self._items, pairs)
-        beyond = standing_contact(self._items, statement.touching)
+        beyond = standing_contact(self._items, touched(statement))
         self._standing = None if beyond is None else (Failure.COLLISION, None, beyond)
 
     def verify(self, path: np.ndarray, start: np.ndarray, goal: np.ndarray) -> Verdict:
@@ -189,12 +192,12 @@ class Judge:
 
 def _robot(statement: Statement) -> _Robot:
     """Return the robot of a statement; read anew only where its settings or files changed."""
-    robot, files = statement.robot, []
+    robot = statement.robot
+    files = [carried.body.file for carried in statement.carried if carried.body.file]
     if isinstance(robot, UrdfRobot):
-        for uri in filter(None, (robot.urdf, robot.srdf)):
-            path = resolve(uri, robot.package_dirs)
-            files.append((str(path), path.stat().st_mtime_ns, path.stat().st_size))
-    key = pickle.dumps((robot, statement.chain, statement.carried, files))
+        files += read_urdf(resolve(robot.urdf, robot.package_dirs), robot.package_dirs).files
+        files += [str(resolve(robot.srdf, robot.package_dirs))] if robot.srdf else []
+    key = pickle.dumps((robot, statement.chain, statement.carried, stamps(files)))
     if key not in _robots:
         kinematics = read(statement)
         kind = robot.geometry if isinstance(robot, UrdfRobot) else Geometry.PRIMITIVES

@@ -158,14 +158,21 @@ _NOT = -1.0  # depth that stands for pairs that may not touch
 _Depths = Mapping[tuple[str, str], float | None]
 
 
+def touched(statement: Statement) -> _Depths:
+    """Return which obstacles bodies may touch, and how deep [m]; None for the usual depth."""
+    found = dict(statement.touching)
+    for carried in statement.carried:
+        found |= {(carried.body.name, other): depth for other, depth in carried.touches.items()}
+    return found
+
+
 def _may_touch(statement: Statement, kinematics: Kinematics, obstacles: Sequence[str]) -> tuple[_Depths, _Depths]:
     """Return the depths of pairs of bodies, and of bodies and obstacles, that may touch."""
     bodies = [body.name for body in kinematics.bodies]
     beside: dict[tuple[str, str], float | None] = {}
-    touching = dict(statement.touching)
+    touching = touched(statement)
     for carried in statement.carried:
         beside |= {(carried.body.name, other): depth for other, depth in carried.beside.items()}
-        touching |= {(carried.body.name, other): depth for other, depth in carried.touches.items()}
     for names, there in (
         ([name for pair in beside for name in pair] + [body for body, _ in touching], bodies),
         ([obstacle for _, obstacle in touching], obstacles),

@@ -187,6 +187,7 @@ def _seen(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 def _unit(vector: tuple[float, ...]) -> np.ndarray:
     found = np.asarray(vector, float)
+    found = found / np.abs(found).max()  # squares of very large or small numbers are none
     return np.asarray(found / np.linalg.norm(found))
 
 

@@ -4,18 +4,20 @@ Only what is well formed comes here: planning reads the same files first and say
 """
 
 import xml.etree.ElementTree as ET
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import coal
 import numpy as np
 
 from pipeline.errors import RobotError, unknown
+from pipeline.files import Stamp, stamps, unchanged
 from pipeline.robots.description import Movable, resolve
 from pipeline.verification.kinematics import Place
 
+_KEPT = 16  # descriptions
 _MOVING = ("revolute", "continuous", "prismatic")  # with one variable
 
 
@@ -75,11 +77,12 @@ class UrdfLink:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A description: its links by name, its joints by name, and the link that is no joint's child."""
+    """A description: its links by name, its joints by name, the link that is no joint's child, and files it is in."""
 
     links: dict[str, UrdfLink]
     joints: dict[str, UrdfJoint]
     root: str
+    files: tuple[str, ...] = ()
 
     def movable(self, asked: dict[str, Movable]) -> "Urdf":
         """Return the description with fixed joints that move after all.
@@ -106,14 +109,23 @@ class Urdf:
         return replace(self, joints=joints)
 
 
+_urdfs: OrderedDict[tuple[Path, tuple[str, ...]], tuple[Urdf, tuple[Stamp, ...]]] = OrderedDict()
+
+
 def read_urdf(path: Path, package_dirs: Sequence[str]) -> Urdf:
-    """Return what a file describes; the same file is read once.
+    """Return what a file describes; as long as it and its meshes stay the same they are read once.
 
     Raises:
         RobotError: no XML, no tree of links, or a mesh that cannot be read.
     """
-    about = path.stat()
-    return _read(path, tuple(package_dirs), (about.st_mtime_ns, about.st_size))
+    key = path, tuple(package_dirs)
+    if key not in _urdfs or not unchanged(_urdfs[key][1]):
+        found = _read(path, package_dirs)
+        _urdfs[key] = found, stamps(found.files)
+        if len(_urdfs) > _KEPT:
+            _urdfs.popitem(last=False)
+    _urdfs.move_to_end(key)
+    return _urdfs[key][0]
 
 
 def read_states(path: Path) -> dict[str, dict[str, float]]:
@@ -125,16 +137,15 @@ def read_states(path: Path) -> dict[str, dict[str, float]]:
     return found
 
 
-@lru_cache(maxsize=16)
-def _read(path: Path, package_dirs: tuple[str, ...], written: tuple[int, int]) -> Urdf:
-    del written  # of the file, so that one that was changed is read anew
+def _read(path: Path, package_dirs: Sequence[str]) -> Urdf:
     root = _root(path)
     links = {str(link.get("name")): _link(link, path, package_dirs) for link in root.findall("link")}
     joints = {str(joint.get("name")): _joint(joint) for joint in root.findall("joint")}
     ends = [link for link in links if link not in {joint.child for joint in joints.values()}]
     if len(ends) != 1:
         raise RobotError(f"{path} has {len(ends)} root links; it must have one")
-    return Urdf(links, joints, ends[0])
+    meshes = {_mesh_file(shape, path, package_dirs) for shape in root.iterfind("link/collision/geometry/mesh")}
+    return Urdf(links, joints, ends[0], (str(path), *sorted(map(str, meshes))))
 
 
 def _root(path: Path) -> ET.Element:
@@ -202,12 +213,15 @@ def _shape(
         return coal.Capsule(float(shape.get("radius", "")), float(shape.get("length", "")))
     if shape.tag != "mesh":
         raise RobotError(f"a <collision> of {path} is a <{shape.tag}>; it must be a box, cylinder, sphere or mesh")
-    file = resolve(str(shape.get("filename")), package_dirs, path.parent)
-    mesh = read_mesh(file, _numbers(shape, "scale", "1 1 1"))
+    mesh = read_mesh(_mesh_file(shape, path, package_dirs), _numbers(shape, "scale", "1 1 1"))
     if "convex" in as_said:
         mesh.buildConvexRepresentation(False)
         return mesh.convex
     return mesh
+
+
+def _mesh_file(shape: ET.Element, path: Path, package_dirs: Sequence[str]) -> Path:
+    return resolve(str(shape.get("filename")), package_dirs, path.parent)
 
 
 def read_mesh(file: Path, scale: np.ndarray) -> coal.BVHModelBase:

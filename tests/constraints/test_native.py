@@ -9,6 +9,7 @@ import pytest
 from pipeline.constraints import Compiled, Expressions, structure_of, upright
 from pipeline.constraints import native as native_module
 from pipeline.constraints.native import native
+from pipeline.constraints.structure import forget
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
 from pipeline.robots import Validity
 from tests.robots.named import configurations, named
@@ -61,11 +62,11 @@ def test_compiled_once(tmp_path):
     assert len(list(tmp_path.rglob("*"))) == 3  # the folder and two libraries
 
 
-def squares(name: str) -> Compiled:
+def squares(name: str, machine: bool | None = True) -> Compiled:
     """A function of two numbers, asked for as machine code."""
     q = ca.SX.sym(name, 2)
     structure = structure_of(q, q**2, ca.SX(0, 1), "squares")
-    return structure.compiled((name,), lambda: Expressions([q], [q**2]), np.empty(0), machine=True)
+    return structure.compiled((name,), lambda: Expressions([q], [q**2]), np.empty(0), machine=machine)
 
 
 def test_without_a_compiler(monkeypatch):
@@ -88,3 +89,17 @@ def test_a_broken_library_is_done_without(tmp_path):
     library.write_bytes(b"no library")
     assert squares("broken")(np.array([2.0, 3.0]))[0].tolist() == [4.0, 9.0]
     assert len(list(tmp_path.rglob("*.so"))) == 1
+
+
+@needs_compiler
+def test_what_was_compiled_before_is_taken(tmp_path):
+    """Asked for only where it is kept, nothing is compiled; once it was, it is taken, also by another process' name."""
+    x = np.array([2.0, 3.0])
+    assert squares("kept", None)(x)[0].tolist() == [4.0, 9.0] and not list(tmp_path.rglob("*.so"))
+    squares("kept", True)
+    (library,) = tmp_path.rglob("*.so")
+    forget()
+    again = squares("kept", None)
+    assert again(x)[0].tolist() == [4.0, 9.0]
+    assert again.function.class_name() == "External"
+    assert list(tmp_path.rglob("*.so")) == [library]

@@ -94,7 +94,7 @@ def test_one_structure_for_all_numbers(kind, monkeypatch):
 def test_a_hundred_doors_cost_one_compilation(monkeypatch):
     """Whole edges, projections and the motion of bodies are compiled for the first door only."""
     compiled = []
-    monkeypatch.setattr(structure_module, "native", lambda function: compiled.append(function.name()))
+    monkeypatch.setattr(structure_module, "native", lambda function, _: compiled.append(function.name()))
     robot, panel = named("panda"), Obstacle(Shape.BOX, (0, 0, 0), (0, 0, 0, 1), (0.02, 0.4, 0.6), "panel")
     counts = []
     for seed in range(100 if native_module.find_compiler() else 3):

@@ -10,6 +10,7 @@ import pytest
 from pipeline.errors import ProblemError
 from pipeline.robots import Obstacle, Robot, Shape, Validity, attach, point_robot
 from tests.robots import meshes
+from tests.robots.named import configurations, named
 from tests.robots.test_meshes import WAYS
 from tests.robots.worlds import ball_clearance, rotation
 
@@ -213,3 +214,46 @@ def test_two_octrees_are_refused():
     robot = attach(point_robot(0.01, [-2] * 3, [2] * 3), leaves, "point")
     with pytest.raises(ProblemError, match=r"'vase' and 'scan' are both octrees.*give what is carried as a mesh"):
         Validity(robot, [replace(leaves, name="scan", position=(1.0, 0, 0))])
+
+
+def sheet(folder, turn: np.ndarray) -> str:
+    """A square of two triangles, flat along z of its file, or turned in it."""
+    corners = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]) @ turn.T
+    return meshes.write(folder / "sheet.obj", (corners, np.array([[0, 1, 2], [0, 2, 3]])))
+
+
+@pytest.mark.parametrize("more", [0, 70])
+@pytest.mark.parametrize("flat", [True, False])
+def test_flat_sheets_are_there(flat, more, tmp_path):
+    """A ball meets a sheet just where it is nearer than its margin, however the file's axes lie in the sheet."""
+    rng = np.random.default_rng(0)
+    turn = np.eye(3) if flat else pin.rpy.rpyToMatrix(0.3, -0.4, 0.5)
+    quaternion = tuple(pin.Quaternion(turn.T).coeffs().tolist())
+    wall = Obstacle(Shape.MESH, (0.1, 0.0, 0.2), quaternion, (1.0, 1.0, 1.0), "sheet", sheet(tmp_path, turn))
+    checker = Validity(point_robot(0.05, [-2] * 3, [2] * 3), [wall, *FAR[:more]], 0.01)
+    Q = np.array(wall.position) + rng.uniform(-0.6, 0.6, (300, 3))
+    offsets = Q - np.array(wall.position)
+    distance = np.linalg.norm(offsets - np.clip(offsets, [-0.5, -0.5, 0], [0.5, 0.5, 0]), axis=1)
+    decided = np.abs(distance - 0.06) > 1e-6
+    wanted = (distance > 0.06)[decided]
+    assert [checker.free(q) for q in Q[decided]] == wanted.tolist() and 20 < wanted.sum() < 280
+    np.testing.assert_array_equal(checker.free_rows(Q[decided]), wanted)
+
+
+@pytest.mark.parametrize("count", range(4))
+def test_flat_bodies_hide_no_others(count, tmp_path):
+    """Whatever flat plates a robot carries, its own bodies meet what they met without them, and so do the plates."""
+    robot, box = named("panda"), Obstacle(Shape.BOX, (0.5, 0.0, 0.5), UPRIGHT, (0.2, 0.2, 0.2), "box")
+    file, carrying = sheet(tmp_path, np.eye(3)), robot
+    for i in range(count):
+        plate = Obstacle(Shape.MESH, (0.0, 0.0, 0.3 + 0.1 * i), UPRIGHT, (0.02, 0.02, 1.0), f"plate {i}", file)
+        carrying = attach(carrying, plate, robot.tool)
+    with_plates, without = Validity(carrying, [box]), Validity(robot, [box])
+    seen = set()
+    for q in configurations(robot, np.random.default_rng(1), 400):
+        met = {pair for pair in with_plates.contacts(q)}
+        assert with_plates.free(q) == (not met)
+        if not any("plate" in name for pair in met for name in pair):
+            assert with_plates.free(q) == without.free(q)
+            seen.add(without.free(q))
+    assert seen == {True, False}
