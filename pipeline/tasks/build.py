@@ -189,8 +189,9 @@ class _Kept:
         self._made: OrderedDict[Hashable, tuple[Any, tuple[Stamp, ...]]] = OrderedDict()
 
     def get(
-        self, key: Hashable, make: Callable[[], Made], files: Callable[[Made], Iterable[str]] = lambda _: ()
+        self, key: Hashable, make: Callable[[], Made], files: Callable[[Made], Iterable[str]] | None = None
     ) -> Made:
+        """Return what is kept for a key; make it where there is nothing, or where a file it was read from changed."""
         if key not in self._made or not unchanged(self._made[key][1]):
             made = make()
             self._made[key] = made, () if files is None else stamps(files(made))

@@ -118,7 +118,7 @@ def test_standing_bodies_may_touch_what_they_are_said_to(depth):
         if free:
             assert set_up(statement).validity().free(q[0])
         else:
-            with pytest.raises(ProblemError, match="obstacle 'shelf' stands 0.00[38] m inside body 'pot'"):
+            with pytest.raises(ProblemError, match=r"obstacle 'shelf' stands 0.00[38] m inside body 'pot'"):
                 set_up(statement).validity()
 
 
