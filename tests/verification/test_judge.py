@@ -1,13 +1,10 @@
 """The verifier passes sound paths and rejects every kind of broken one, judged by closed forms on a unit sphere."""
 
-import ast
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline import verification
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Shape
 from pipeline.spec.statement import Mazed, OnSphere, OnTorus, Point, Statement
@@ -232,28 +229,3 @@ def test_walls_of_a_maze():
         around = np.append(around, around + (edge - 0.3) + 0.02)
         path = np.stack([3 * np.cos(around), 3 * np.sin(around), 0 * around], axis=1)
         assert_rejected(maze(walls).verify(path, path[0], path[-1]), Failure.CONDITION, 199)
-
-
-def test_shares_no_code_with_planning():
-    """The room imports from the rest of the project errors and plain data only, of robots no model and no checker."""
-    allowed = {
-        "pipeline.errors": None,
-        "pipeline.robots.bodies": {"Geometry", "hull", "primitive"},  # held against the mesh (`shapes`)
-        "pipeline.robots.kept": {"kept_pieces"},  # likewise
-        "pipeline.robots.description": {"Movable", "resolve"},
-        "pipeline.robots.obstacles": {"Obstacle", "Shape"},
-        "pipeline.robots.placement": {"IDENTITY", "Placement"},
-        "pipeline.robots.urdf": {"UrdfRobot"},
-    }
-    files = sorted(Path(verification.__file__).parent.glob("*.py"))
-    assert len(files) > 10
-    for file in files:
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Import):
-                assert not any(name.name.split(".")[0] in ("casadi", "pipeline") for name in node.names), file.name
-            if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in ("pipeline", "casadi"):
-                if str(node.module).startswith("pipeline.verification"):
-                    continue
-                assert node.module in allowed, (file.name, node.module)
-                names = allowed[str(node.module)]
-                assert names is None or {name.name for name in node.names} <= names, (file.name, node.module)
