@@ -22,6 +22,7 @@ from pipeline.stage import folder, guarded
 class Config:
     profile: Profile
     environments: list[str]
+    papers: dict[str, reporting.Paper]
     output: Path
     plain_stills: bool | None
 
@@ -31,6 +32,11 @@ class Config:
         check_file(self.output / "README.md")
         if not self.environments:
             raise ConfigError("environments is empty; name at least one")
+        for name in self.papers:
+            if name not in self.environments:
+                raise ConfigError(
+                    f"papers has {name!r}, which is not among environments: {', '.join(self.environments)}"
+                )
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="report")
@@ -59,14 +65,16 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
     tried = read_json(folder(config.profile.name, "choices", name) / "methods.json", "variants")
+    paper = config.papers.get(name, reporting.Paper(name))
     provenance, stills = _provenance(config, name), reporting.Stills(config.plain_stills)
     figures = out / name  # beside the page, which links to it by this name
     pictures = {
-        **reporting.sphere_figures(trials, curves, figures),
+        **reporting.environment_figures(trials, curves, figures, paper),
         **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
     }
-    reporting.write(reporting.sphere_page(trials, pictures, provenance, choices, settings, tried), out / f"{name}.md")
-    return reporting.sphere_summary(trials, pictures, provenance)
+    text = reporting.environment_page(trials, pictures, provenance, choices, settings, tried, paper)
+    reporting.write(text, out / f"{name}.md")
+    return reporting.environment_summary(trials, pictures, provenance, paper)
 
 
 def _provenance(config: Config, name: str) -> reporting.Provenance:

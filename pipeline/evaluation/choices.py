@@ -76,7 +76,11 @@ _PROBLEM = ["scenario", "scene", "problem", "adherence"]
 
 
 def equal_sizes_table(
-    trials: pd.DataFrame, settings: Mapping[str, Mapping[str, Any]], first: str, second: str
+    trials: pd.DataFrame,
+    settings: Mapping[str, Mapping[str, Any]],
+    first: str,
+    second: str,
+    unit: str,
 ) -> pd.DataFrame:
     """Return one row per N_init with which two methods were both tried: median times and lengths, ratio of the times.
 
@@ -88,6 +92,7 @@ def equal_sizes_table(
         settings: of the variants, by `variant_settings`.
         first: label of the method whose times stand above the fraction line.
         second: label of the other.
+        unit: of lengths.
     """
     found: dict[str, dict[int, pd.DataFrame]] = {first: {}, second: {}}
     for label, group in trials.groupby("method", sort=False):
@@ -103,11 +108,13 @@ def equal_sizes_table(
         lengths = [summary(side.loc[both, "path_length"].to_numpy(float)).median for side in (one, other)]
         rows.append((size, len(one), *(f"{time:.1f}" for time in times), f"{times[0] / times[1]:.2f}",
                      *(f"{length:.3f}" for length in lengths)))  # fmt: skip
-    names = [f"{label}: {what}" for what in ("time median [ms]", "length median [m]") for label in (first, second)]
+    names = [
+        f"{label}: {what}" for what in ("time median [ms]", f"length median [{unit}]") for label in (first, second)
+    ]
     return pd.DataFrame(rows, columns=["N_init", "n", *names[:2], "ratio of times", *names[2:]])
 
 
-def choices_table(trials: pd.DataFrame) -> pd.DataFrame:
+def choices_table(trials: pd.DataFrame, unit: str) -> pd.DataFrame:
     """Return one row per method: success, time, length over problems all solved, work and the network's part."""
     if trials.empty:
         return pd.DataFrame()
@@ -127,7 +134,7 @@ def choices_table(trials: pd.DataFrame) -> pd.DataFrame:
                 "time mean [ms]": f"{times.mean:.1f}",
                 "time p95 [ms]": f"{times.p95:.1f}",
                 "of it network, median [ms]": f"{network.median:.1f}",
-                f"length median [m], {len(common)} all solved": f"{lengths.median:.3f}",
+                f"length median [{unit}], {len(common)} all solved": f"{lengths.median:.3f}",
                 "collision checks, median": f"{group.collision_checks.median():.0f}",
                 "samples, median": f"{group.samples.median():.0f}",
                 "from the classical sampler [%]": f"{100 * group.fallback_samples.sum() / group.samples.sum():.1f}"

@@ -1,24 +1,28 @@
 """Reporting: tables, figures, stills and Markdown pages from the files of the benchmark."""
 
+from pipeline.reporting.environment_page import environment_page, environment_summary
 from pipeline.reporting.figures import length_boxes, save, solved_over_time, success_bars, time_boxes, training_curves
 from pipeline.reporting.globe import Globe
 from pipeline.reporting.markdown import Illustration, Provenance, Section, index, page, write
-from pipeline.reporting.paper_sphere import SPHERE, PaperResult
-from pipeline.reporting.sphere_page import sphere_page, sphere_summary
-from pipeline.reporting.sphere_pictures import Sampled, sphere_figures, sphere_stills
+from pipeline.reporting.paper import Claim, Paper, PaperResult
+from pipeline.reporting.sphere_pictures import Sampled, environment_figures, sphere_stills
 from pipeline.reporting.stills import Stills
 from pipeline.reporting.tables import paired_table, rejection_table, results_table
 from pipeline.reporting.verdict import verdict_summary, verdict_table
 
 __all__ = [
-    "SPHERE",
+    "Claim",
     "Globe",
     "Illustration",
+    "Paper",
     "PaperResult",
     "Provenance",
     "Sampled",
     "Section",
     "Stills",
+    "environment_figures",
+    "environment_page",
+    "environment_summary",
     "index",
     "length_boxes",
     "page",
@@ -27,10 +31,7 @@ __all__ = [
     "results_table",
     "save",
     "solved_over_time",
-    "sphere_figures",
-    "sphere_page",
     "sphere_stills",
-    "sphere_summary",
     "success_bars",
     "time_boxes",
     "training_curves",

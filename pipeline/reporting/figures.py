@@ -1,6 +1,5 @@
 """Figures of a planner report: times, lengths, success, progress over time and training curves."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from matplotlib.figure import Figure
 from pipeline.evaluation import success_interval
 from pipeline.reporting.frames import CURVE_COLUMNS, LEARNED, check, check_trials, ordered
 from pipeline.reporting.panels import Place, draw_panels, nothing, plain_log
-from pipeline.reporting.paper_sphere import SPHERE, PaperResult
+from pipeline.reporting.paper import Paper, PaperResult
 from pipeline.reporting.style import color, new_figure, save, style
 
 __all__ = ["length_boxes", "save", "solved_over_time", "success_bars", "time_boxes", "training_curves"]
@@ -22,7 +21,7 @@ _TAG: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85
 _THIN: dict[str, Any] = {"color": "black", "linewidth": 0.8}
 
 
-def time_boxes(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> Figure:
+def time_boxes(trials: pd.DataFrame, paper: Paper) -> Figure:
     """Draw planning times of the solved trials [s, log], one box per method and adherence, one panel per scenario.
 
     Boxes are quartiles with the median, whiskers the 5th and 95th percentile; diamonds are the paper's means.
@@ -41,8 +40,8 @@ def time_boxes(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> F
     return figure
 
 
-def length_boxes(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> Figure:
-    """Draw path lengths of the solved trials [m], one box per method and adherence, one panel per scenario."""
+def length_boxes(trials: pd.DataFrame, paper: Paper) -> Figure:
+    """Draw path lengths of the solved trials, one box per method and adherence, one panel per scenario."""
 
     def draw(axes: Axes, place: Place) -> int:
         return _box(axes, place, "path_length")
@@ -50,13 +49,13 @@ def length_boxes(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
     def printed(result: PaperResult) -> float | None:
         return None if result.length is None else result.length[0]
 
-    figure = draw_panels(trials, "path length,\nsolved trials [m]", draw, paper, printed)
+    figure = draw_panels(trials, f"path length,\nsolved trials [{paper.unit}]", draw, paper, printed)
     for axes in figure.axes:
         axes.set_ylim(bottom=0)  # after the boxes: a limit set before them would end matplotlib's scaling of the top
     return figure
 
 
-def success_bars(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> Figure:
+def success_bars(trials: pd.DataFrame, paper: Paper) -> Figure:
     """Draw the share of trials with a verified path [%] with 95 % intervals; diamonds are the paper's rates."""
 
     def draw(axes: Axes, place: Place) -> int:

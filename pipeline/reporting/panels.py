@@ -1,6 +1,6 @@
 """The common frame of the figures: one panel per scenario, one place per method and adherence."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
 from pipeline.reporting.frames import check_trials, groups, ordered
-from pipeline.reporting.paper_sphere import PaperResult, find
+from pipeline.reporting.paper import Paper, PaperResult
 from pipeline.reporting.style import color, new_figure, style
 
 _GAP = 0.7  # empty space between two methods, in widths of a place
@@ -47,7 +47,7 @@ def draw_panels(
     trials: pd.DataFrame,
     label: str,
     draw: Callable[[Axes, Place], int],
-    paper: Sequence[PaperResult],
+    paper: Paper,
     printed: Callable[[PaperResult], float | None],
 ) -> Figure:
     """Draw one panel per scenario, the paper's value as a diamond on every place that has one.
@@ -71,7 +71,7 @@ def draw_panels(
             cells = places(trials, scenario, methods)
             shown = [draw(axes, place) for place in cells]
             for place in cells:
-                said = find(paper, scenario, place.method, place.adherence)
+                said = paper.find(scenario, place.method, place.adherence)
                 value = None if said is None else printed(said)
                 if value is not None:
                     axes.plot(place.x, value, zorder=5, **_DIAMOND)

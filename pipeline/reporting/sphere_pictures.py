@@ -14,7 +14,7 @@ from pipeline.reporting import figures, text
 from pipeline.reporting.frames import PATH_COLUMNS, check, check_trials, ordered, path_array
 from pipeline.reporting.globe import Globe
 from pipeline.reporting.markdown import Illustration
-from pipeline.reporting.paper_sphere import SPHERE, PaperResult
+from pipeline.reporting.paper import Paper
 from pipeline.reporting.stills import Stills
 from pipeline.robots import Obstacle
 
@@ -38,8 +38,8 @@ class Sampled:
     clouds: dict[str, np.ndarray]
 
 
-def sphere_figures(
-    trials: pd.DataFrame, curves: pd.DataFrame, folder: Path, paper: Sequence[PaperResult] = SPHERE
+def environment_figures(
+    trials: pd.DataFrame, curves: pd.DataFrame, folder: Path, paper: Paper
 ) -> dict[str, Illustration]:
     """Draw the figures of the page into `folder`, which lies beside it, and return them by name.
 
@@ -48,22 +48,22 @@ def sphere_figures(
     """
     check_trials(trials)
     n, boxes = f"n = {len(trials)} trials", "Box: quartiles and median; whiskers: 5th and 95th percentile"
-    marks = "diamonds: the paper's means" if paper else ""
+    means, rates = ("; diamonds: the paper's means", "; diamonds: the paper's rates") if paper.results else ("", "")
     drawn: dict[str, tuple[Figure, str, str]] = {
         SUCCESS: (
             figures.success_bars(trials, paper),
             "Success",
-            f"Share of trials with a verified path, with 95 % intervals over scenes; diamonds: the paper's rates; {n}.",
+            f"Share of trials with a verified path, with 95 % intervals over scenes{rates}; {n}.",
         ),
         TIME: (
             figures.time_boxes(trials, paper),
             "Planning time",
-            f"Solved trials only, {int(trials['solved'].astype(bool).sum())} of {n}. {boxes}; {marks}.",
+            f"Solved trials only, {int(trials['solved'].astype(bool).sum())} of {n}. {boxes}{means}.",
         ),
         LENGTH: (
             figures.length_boxes(trials, paper),
             "Path length",
-            f"Solved trials only, {int(trials['solved'].astype(bool).sum())} of {n}. {boxes}; {marks}.",
+            f"Solved trials only, {int(trials['solved'].astype(bool).sum())} of {n}. {boxes}{means}.",
         ),
         PROGRESS: (
             figures.solved_over_time(trials),

@@ -1,7 +1,6 @@
 """The tables of a planner report, as data frames of text ready for Markdown."""
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -9,16 +8,12 @@ import pandas as pd
 from pipeline.evaluation import Comparison, mcnemar, paired_interval, success_interval, summary
 from pipeline.reporting import text
 from pipeline.reporting.frames import both_solved, check_trials, groups, method_pairs, ordered, pair
-from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
+from pipeline.reporting.paper import Paper, PaperResult
 
 OUTCOME = ("method", "adherence", "n", "success [95 %]", "paper: success")
 TIME = (
     "method", "adherence", "n solved", "time, solved only: median [s]", "time, solved only: mean ± sd [s]",
     "time, solved only: p95 [s]", "paper: time [s]", "time, all trials: median [s]", "time, all trials: mean ± sd [s]",
-)  # fmt: skip
-LENGTH = (
-    "method", "adherence", "n solved", "length, solved only: median [m]", "length, solved only: mean ± sd [m]",
-    "length, solved only: p95 [m]", "paper: length",
 )  # fmt: skip
 EFFORT = (
     "method", "adherence", "n", "projections (median)", "collision checks (median)", "samples (median)",
@@ -48,8 +43,14 @@ PAIRED_NOTE = (
 )
 
 
-def results_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> dict[str, pd.DataFrame]:
-    """Return, per scenario, one row per method and adherence with the columns OUTCOME, TIME, LENGTH and EFFORT.
+def length_columns(unit: str) -> tuple[str, ...]:
+    """Return the columns of path lengths in a unit."""
+    figures = (f"length, solved only: {name} [{unit}]" for name in ("median", "mean ± sd", "p95"))
+    return ("method", "adherence", "n solved", *figures, "paper: length")
+
+
+def results_table(trials: pd.DataFrame, paper: Paper) -> dict[str, pd.DataFrame]:
+    """Return, per scenario, one row per method and adherence with the columns OUTCOME, TIME, EFFORT and lengths.
 
     Times and lengths of a method that solved nothing are dashes, its success is 0 %; a combination that was not run
     has n = 0. Beside each value stands the paper's, where it gives one.
@@ -62,22 +63,22 @@ def results_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -
     for scenario in ordered(trials["scenario"], "scenario"):
         rows = []
         for method, adherence, group in groups(trials, scenario):
-            said = find(paper, scenario, method, adherence) or PaperResult(scenario, method, adherence)
+            said = paper.find(scenario, method, adherence) or PaperResult(scenario, method, adherence)
             cells: dict[str, object] = {"method": method, "adherence": adherence}
-            rows.append(cells | _outcome(group, said) | _effort(group))
-        columns = list(dict.fromkeys((*OUTCOME, *TIME, *LENGTH, *EFFORT)))
+            rows.append(cells | _outcome(group, said, paper.unit) | _effort(group))
+        columns = list(dict.fromkeys((*OUTCOME, *TIME, *length_columns(paper.unit), *EFFORT)))
         tables[scenario] = pd.DataFrame(rows, columns=columns)
     return tables
 
 
-def paired_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> pd.DataFrame:
+def paired_table(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     """Compare every learned method with its classical counterpart, problem by problem, per scenario and adherence.
 
     Raises:
         ArtifactError: columns are missing or unknown.
     """
     check_trials(trials)
-    rows = []
+    rows, shorter_by = [], f"difference of median lengths, both solved (learned - classical) [{paper.unit}]"
     for scenario in ordered(trials["scenario"], "scenario"):
         part = trials[trials["scenario"] == scenario]
         for learned, classical in method_pairs(part["method"]):
@@ -85,7 +86,7 @@ def paired_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
                 pairs = pair(trials, scenario, adherence, learned, classical)
                 fast, slow, scenes = both_solved(pairs, "planning_time")
                 test = mcnemar(pairs["solved_1"].to_numpy(bool), pairs["solved_2"].to_numpy(bool))
-                printed = speed_up(paper, scenario, adherence, learned, classical)
+                printed = paper.speed_up(scenario, adherence, learned, classical)
                 ratio = paired_interval(slow, fast, scenes, Comparison.RATIO)
                 shorter = paired_interval(*both_solved(pairs, "path_length"))
                 rows.append({
@@ -93,7 +94,7 @@ def paired_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) ->
                     "pairs": len(pairs), "both solved": len(fast),
                     "ratio of median times, both solved (classical / learned)": text.interval(ratio, "×"),
                     "paper: ratio of mean times": "" if printed is None else f"{text.fixed(printed, 2)}×",
-                    "difference of median lengths, both solved (learned - classical) [m]": text.interval(shorter),
+                    shorter_by: text.interval(shorter),
                     "only learned solved": test.only_first, "only classical solved": test.only_second,
                     "McNemar p (exact)": text.p_value(test.p_value) if len(pairs) else text.NONE,
                 })  # fmt: skip
@@ -124,7 +125,7 @@ def _without_numbers(sentence: str) -> str:
     return re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", re.sub(r"\[[^\]]*\]", "[#]", sentence))
 
 
-def _outcome(group: pd.DataFrame, said: PaperResult) -> dict[str, object]:
+def _outcome(group: pd.DataFrame, said: PaperResult, unit: str) -> dict[str, object]:
     solved = group[group["solved"].astype(bool)]
     cells: dict[str, object] = {
         "n": len(group), "n solved": len(solved),
@@ -133,7 +134,7 @@ def _outcome(group: pd.DataFrame, said: PaperResult) -> dict[str, object]:
     }  # fmt: skip
     cells |= _location("time, all trials", "s", group["planning_time"], p95=False)
     cells |= _location("time, solved only", "s", solved["planning_time"])
-    return cells | _location("length, solved only", "m", solved["path_length"])
+    return cells | _location("length, solved only", unit, solved["path_length"])
 
 
 def _location(name: str, unit: str, values: pd.Series, p95: bool = True) -> dict[str, str]:

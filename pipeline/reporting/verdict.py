@@ -1,4 +1,4 @@
-"""What was expected of the sphere and whether it was met; 'no' is said plainly."""
+"""What was expected of an environment and whether it was met; 'no' is said plainly."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -8,7 +8,7 @@ import pandas as pd
 from pipeline.evaluation import Center, Comparison, Interval, paired_interval, success_interval, summary
 from pipeline.reporting import text
 from pipeline.reporting.frames import LEARNED, OURS, TUNED, both_solved, check_trials, groups, ordered, pair
-from pipeline.reporting.paper_sphere import SPHERE, PaperResult, find, speed_up
+from pipeline.reporting.paper import Paper
 
 SUCCESS = "success at least the paper's"
 TUNED_SPEED = "CoMPNetX-FMT* faster than FMT* tuned alike, by medians"
@@ -32,7 +32,7 @@ VERDICT_NOTE = (
 )
 
 
-def verdict_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -> pd.DataFrame:
+def verdict_table(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     """Return one row per expectation, scenario, method and adherence: met or not, and the numbers that say so.
 
     Raises:
@@ -41,14 +41,14 @@ def verdict_table(trials: pd.DataFrame, paper: Sequence[PaperResult] = SPHERE) -
     check_trials(trials)
     rows: list[tuple[str, ...]] = []
     for scenario in ordered(trials["scenario"], "scenario"):
-        rows += _success(trials, scenario, paper)
+        rows += _success(trials, scenario, paper) if paper.results else []
         for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
             rows.append(_tuned(trials, scenario, adherence))
-        for expectation, center in ((SPEED, Center.MEDIAN), (MEAN_SPEED, Center.MEAN)):
+        for expectation, center in ((SPEED, Center.MEDIAN), (MEAN_SPEED, Center.MEAN)) if paper.results else ():
             for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
                 rows.append(_speed(trials, scenario, adherence, paper, expectation, center))
         for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
-            rows.append(_shorter(trials, scenario, adherence))
+            rows.append(_shorter(trials, scenario, adherence, paper.unit))
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -64,9 +64,9 @@ def verdict_summary(verdicts: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["scenario", "expectation", "met", "rows met", "not met by"])
 
 
-def _success(trials: pd.DataFrame, scenario: str, paper: Sequence[PaperResult]) -> Iterator[tuple[str, ...]]:
+def _success(trials: pd.DataFrame, scenario: str, paper: Paper) -> Iterator[tuple[str, ...]]:
     for method, adherence, group in groups(trials, scenario):
-        said = find(paper, scenario, method, adherence)
+        said = paper.find(scenario, method, adherence)
         ours = success_interval(group["solved"].to_numpy(bool), group["scene"].to_numpy(str))
         head = (scenario, SUCCESS, method, adherence)
         if said is None or said.success is None:
@@ -81,14 +81,14 @@ def _speed(
     trials: pd.DataFrame,
     scenario: str,
     adherence: str,
-    paper: Sequence[PaperResult],
+    paper: Paper,
     expectation: str,
     center: Center,
 ) -> tuple[str, ...]:
     learned, classical = f"{LEARNED}FMT*", "FMT*"
     fast, slow, scenes = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
     ours = paired_interval(slow, fast, scenes, Comparison.RATIO, center)
-    printed = speed_up(paper, scenario, adherence, learned, classical)
+    printed = paper.speed_up(scenario, adherence, learned, classical)
     head = (scenario, expectation, f"{learned} / {classical}", adherence)
     if printed is None:
         return (*head, NO_NUMBER, text.interval(ours, "×"), text.NONE, "")
@@ -105,14 +105,14 @@ def _tuned(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, ..
     return (*head, _answer(ours, ours.estimate > 1), text.interval(ours, "×"), "faster", remark)
 
 
-def _shorter(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, ...]:
+def _shorter(trials: pd.DataFrame, scenario: str, adherence: str, unit: str) -> tuple[str, ...]:
     learned, classical = f"{LEARNED}FMT*", "RRTConnect"
     lengths = both_solved(pair(trials, scenario, adherence, learned, classical), "path_length")
     ours = paired_interval(*lengths)
     head = (scenario, SHORTER, f"{learned} - {classical}", adherence)
-    medians = " m and ".join(text.number(summary(side).median) for side in lengths[:2])
-    remark = _join([_doubt(ours, 0.0), f"medians {medians} m", f"n = {len(lengths[0])}"])
-    return (*head, _answer(ours, ours.estimate < 0), text.interval(ours, " m"), "shorter", remark)
+    medians = f" {unit} and ".join(text.number(summary(side).median) for side in lengths[:2])
+    remark = _join([_doubt(ours, 0.0), f"medians {medians} {unit}", f"n = {len(lengths[0])}"])
+    return (*head, _answer(ours, ours.estimate < 0), text.interval(ours, f" {unit}"), "shorter", remark)
 
 
 def _answer(ours: Interval, met: bool) -> str:

@@ -43,7 +43,7 @@ def test_rows_are_the_sizes_that_both_were_tried_with():
         "a": setting("F", 1000), "b": setting("F", 300), "c": setting("F", 300), "d": setting("F", 50),
         "e": setting("X", 300), "f": setting("X", 300), "g": setting("X", 1000), "h": setting("Y", 300),
     }  # fmt: skip
-    table = equal_sizes_table(trials, settings, "F", "X")
+    table = equal_sizes_table(trials, settings, "F", "X", "m")
     assert table.to_numpy().tolist() == [
         [300, 3, "8.0", "4.0", "2.00", "4.000", "3.000"],
         [1000, 3, "20.0", "40.0", "0.50", "2.000", "5.500"],  # lengths of the first and third problem
@@ -54,7 +54,7 @@ def test_rows_are_the_sizes_that_both_were_tried_with():
 def test_methods_without_a_size_give_no_row():
     """Where a method has no N_init, nothing can be equal."""
     settings = {"F": setting("F", None), "X": setting("X", None)}
-    assert equal_sizes_table(tried(F=([1], [1]), X=([1], [1])), settings, "F", "X").empty
+    assert equal_sizes_table(tried(F=([1], [1]), X=([1], [1])), settings, "F", "X", "m").empty
 
 
 def test_settings_of_variants_are_those_they_plan_with():

@@ -4,9 +4,12 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from pipeline.config import compose, load
+from pipeline.reporting import Paper
 from pipeline.reporting.frames import PATH_COLUMNS, TRIAL_COLUMNS
 from pipeline.robots import Obstacle, Shape
 
+PAPER = load(compose("paper/sphere").paper, Paper)
 TIMES = {"CoMPNetX-FMT*": 0.6, "FMT*, tuned": 0.8, "FMT*": 1.2, "CoMPNetX-RRTConnect": 0.016, "RRTConnect": 0.012}
 LENGTHS = {"CoMPNetX-FMT*": 1.0, "FMT*, tuned": 1.1, "FMT*": 1.02, "CoMPNetX-RRTConnect": 1.1, "RRTConnect": 1.4}
 RATES = {"CoMPNetX-FMT*": 0.97, "FMT*, tuned": 0.92, "FMT*": 0.92, "CoMPNetX-RRTConnect": 1.0, "RRTConnect": 0.99}

@@ -9,21 +9,22 @@ import pytest
 from pipeline.errors import ArtifactError
 from pipeline.files import write_json
 from pipeline.reporting import (
+    Paper,
     Provenance,
     Section,
     Stills,
+    environment_figures,
+    environment_page,
+    environment_summary,
     index,
     page,
-    sphere_figures,
-    sphere_page,
     sphere_stills,
-    sphere_summary,
     write,
 )
 from pipeline.reporting.frames import TRIAL_COLUMNS
 from pipeline.reporting.markdown import escape, table, write_part
 from pipeline.reporting.sphere_pictures import sampled_by_scenario, typical_problems
-from tests.reporting.synthetic import TIMES, band_scene, block_scene, make_paths, make_trials
+from tests.reporting.synthetic import PAPER, TIMES, band_scene, block_scene, make_paths, make_trials
 
 HARDWARE = {
     "cpu": "Abacus 3000", "cores": 2, "memory": "8 GB", "python": "3.11.2", "packages": {"ompl": "2.0.1"},
@@ -46,10 +47,10 @@ def report(tmp_path_factory):
     trials["scene"] = trials["scenario"] + "-" + trials["scene"]
     paths, samples = make_paths(trials)
     scenes = {s: block_scene(40) if s.startswith("blocks") else band_scene() for s in trials["scene"].unique()}
-    pictures = sphere_figures(trials, CURVES, folder / "figures")
+    pictures = environment_figures(trials, CURVES, folder / "figures", PAPER)
     pictures |= sphere_stills(trials, paths, scenes, samples, folder / "figures", Stills(plain=True))
-    write(sphere_page(trials, pictures, PROVENANCE, trials, SETTINGS, TRIED), folder / "sphere.md")
-    summary = sphere_summary(trials, pictures, PROVENANCE)
+    write(environment_page(trials, pictures, PROVENANCE, trials, SETTINGS, TRIED, PAPER), folder / "sphere.md")
+    summary = environment_summary(trials, pictures, PROVENANCE, PAPER)
     write(index("Reports", [("sphere.md", summary)], PROVENANCE), folder / "README.md")
     return folder, trials, pictures
 
@@ -88,14 +89,15 @@ def test_conclusions_follow_the_data(report):
     worse.loc[worse["method"] == "CoMPNetX-FMT*", ["planning_time", "path_length"]] *= 10
 
     def answers(data):
-        section = sphere_page(data, pictures, PROVENANCE, data, SETTINGS, TRIED).split("## What was run")[0]
+        section = environment_page(data, pictures, PROVENANCE, data, SETTINGS, TRIED, PAPER).split("## What was run")[0]
         return [
             line.split("|")[3].strip() for line in section.splitlines() if re.search("faster than|shorter than", line)
         ]
 
     assert answers(trials)[:2] == ["yes", "yes"] and answers(worse) == ["no"] * 8
     sentence = re.search(
-        r"Of 10 expectations .* met: (\d+); not met: (\d+)", sphere_page(worse, {}, PROVENANCE, worse, SETTINGS, TRIED)
+        r"Of 10 expectations .* met: (\d+); not met: (\d+)",
+        environment_page(worse, {}, PROVENANCE, worse, SETTINGS, TRIED, PAPER),
     )
     assert sentence and int(sentence[1]) + int(sentence[2]) == 10
 
@@ -119,7 +121,7 @@ def test_what_the_rule_chooses_stands_beside_what_was_measured(report):
     _, trials, _ = report
     tried = TRIED | {"FMT*": {"base": "FMT*", "planner": {"samples": 400}, "sampler": {}}}
     settings = SETTINGS | {"FMT*, tuned": {"planner": {"samples": 300}, "sampler": {}}}
-    text = sphere_page(trials, {}, PROVENANCE, trials, settings, tried)
+    text = environment_page(trials, {}, PROVENANCE, trials, settings, tried, PAPER)
     assert "differs from it: samples = 300, chosen 400" in text
     assert "CoMPNetX-FMT\\* the rule chooses CoMPNetX-FMT\\*, which is what was measured" in text
 
@@ -127,7 +129,7 @@ def test_what_the_rule_chooses_stands_beside_what_was_measured(report):
 def test_the_page_of_no_trials_says_so():
     """An empty benchmark makes a page without crashing."""
     empty = pd.DataFrame(columns=list(TRIAL_COLUMNS))
-    assert "There are no trials." in sphere_page(empty, {}, PROVENANCE, empty, SETTINGS, TRIED)
+    assert "There are no trials." in environment_page(empty, {}, PROVENANCE, empty, SETTINGS, TRIED, PAPER)
 
 
 def test_the_shown_problems_are_spread_by_rank():
@@ -214,3 +216,21 @@ def test_parts_of_a_page_are_replaced_one_by_one(tmp_path):
     assert path.read_text() == parts["A"] + "\n" + parts["B"]
     write_part(parts["A"].replace("first", "second"), path)
     assert path.read_text() == parts["A"].replace("first", "second") + "\n" + parts["B"]
+
+
+def test_without_a_paper_only_measurements_are_expected(tmp_path):
+    """A page that no paper is beside has our own expectations only, its own unit, and no word of a paper's numbers."""
+    trials = make_trials(12)
+    arms = Paper("Arms", unit="rad")
+    pictures = environment_figures(trials, CURVES, tmp_path, arms)
+    text = environment_page(trials, pictures, PROVENANCE, trials, SETTINGS, TRIED, arms)
+    assert text.startswith("# Arms") and "Of 4 expectations (2 per scenario)" in text
+    assert "length, solved only: median [rad]" in text and "median [m]" not in text
+    for said in (
+        "the paper names no machine",
+        "Where the paper's numbers stand",
+        "the paper's ratio, by medians",
+        "VII-A",
+    ):
+        assert said not in text
+    assert "diamonds" not in " ".join(picture.caption for picture in pictures.values())

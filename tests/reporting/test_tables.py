@@ -11,8 +11,7 @@ from scipy.stats import norm
 from pipeline.errors import ArtifactError
 from pipeline.reporting import paired_table, rejection_table, results_table
 from pipeline.reporting.frames import TRIAL_COLUMNS
-from pipeline.reporting.paper_sphere import SPHERE, find, speed_up
-from tests.reporting.synthetic import make_trials
+from tests.reporting.synthetic import PAPER, make_trials
 
 
 def row_of(table: pd.DataFrame, method: str, adherence: str) -> pd.Series:
@@ -28,7 +27,7 @@ def test_success_is_the_count_with_wilsons_interval():
     k, n, z = sum(t["solved"] for t in chosen), len(chosen), norm.ppf(0.975)
     centre, half = k + z**2 / 2, z * sqrt(k * (n - k) / n + z**2 / 4)
     low, high = (100 * (centre + sign * half) / (n + z**2) for sign in (-1, 1))
-    row = row_of(results_table(trials)["blocks"], "FMT*", "atlas")
+    row = row_of(results_table(trials, PAPER)["blocks"], "FMT*", "atlas")
     assert row["n"] == n and row["n solved"] == k
     assert row["success [95 %]"] == f"{100 * k / n:.1f} % [{low:.1f}, {high:.1f}]"
 
@@ -40,7 +39,7 @@ def test_times_of_solved_and_of_all_trials_are_told_apart():
     chosen = [t for t in chosen if t["adherence"] == "projection"]
     every, solved = [t["planning_time"] for t in chosen], [t["planning_time"] for t in chosen if t["solved"]]
     assert len(solved) < len(every)
-    row = row_of(results_table(trials)["bands"], "FMT*", "projection")
+    row = row_of(results_table(trials, PAPER)["bands"], "FMT*", "projection")
     assert float(row["time, solved only: median [s]"]) == pytest.approx(statistics.median(solved), abs=0.005)
     assert float(row["time, all trials: median [s]"]) == pytest.approx(statistics.median(every), abs=0.005)
     for name, values in (("solved only", solved), ("all trials", every)):
@@ -58,7 +57,7 @@ def test_shares():
     trials = make_trials(3, ("blocks",), ("CoMPNetX-FMT*",), ("atlas",))
     trials["planning_time"], trials["network_time"] = [1.0, 2.0, 4.0], [0.1, 0.4, 2.0]
     trials["samples"], trials["fallback_samples"] = [10, 0, 100], [1, 0, 30]
-    row = results_table(trials)["blocks"].iloc[0]
+    row = results_table(trials, PAPER)["blocks"].iloc[0]
     assert row["network share of time (median)"] == "20.0 %"
     assert row["fallback share of samples (all trials together)"] == "28.2 %"  # 31 of 110
     assert row["trials with fallback samples"] == "66.7 %"
@@ -66,7 +65,7 @@ def test_shares():
 
 def test_the_papers_numbers_stand_beside_ours():
     """Every number of section VII-A on the sphere is shown; RRTConnect has a time range in scenario 1 and no length."""
-    tables = results_table(make_trials(3))
+    tables = results_table(make_trials(3), PAPER)
     row = row_of(tables["blocks"], "FMT*", "tangent_bundle")
     assert (row["paper: time [s]"], row["paper: success"]) == ("1.34 ± 0.061", "around 89 %")
     row = row_of(tables["bands"], "CoMPNetX-FMT*", "atlas")
@@ -77,13 +76,13 @@ def test_the_papers_numbers_stand_beside_ours():
     ]
     row = row_of(tables["blocks"], "RRTConnect", "atlas")
     assert (row["paper: time [s]"], row["paper: success"]) == ("0.01 to 0.02", "")
-    assert all(find(SPHERE, s, "RRTConnect", "atlas").length is None for s in ("blocks", "bands"))
+    assert all(PAPER.find(s, "RRTConnect", "atlas").length is None for s in ("blocks", "bands"))
 
 
 @pytest.mark.parametrize("scenario, adherence, ratio", [("blocks", "atlas", 1.37), ("bands", "atlas", 3.51)])
 def test_the_papers_ratios(scenario, adherence, ratio):
     """1.22 / 0.89 and 1.93 / 0.55."""
-    assert speed_up(SPHERE, scenario, adherence, "CoMPNetX-FMT*", "FMT*") == pytest.approx(ratio, abs=0.005)
+    assert PAPER.speed_up(scenario, adherence, "CoMPNetX-FMT*", "FMT*") == pytest.approx(ratio, abs=0.005)
 
 
 def test_a_method_that_solved_nothing_is_shown_as_zero():
@@ -92,11 +91,11 @@ def test_a_method_that_solved_nothing_is_shown_as_zero():
     hopeless = trials["method"] == "FMT*"
     trials.loc[hopeless, ["solved", "claimed"]] = False
     trials.loc[hopeless, "path_length"] = np.nan
-    row = row_of(results_table(trials)["blocks"], "FMT*", "atlas")
+    row = row_of(results_table(trials, PAPER)["blocks"], "FMT*", "atlas")
     assert row["success [95 %]"].startswith("0.0 % [0.0, ")
     assert row["time, solved only: median [s]"] == row["length, solved only: median [m]"] == "–"
     assert row["time, all trials: median [s]"] != "–"
-    paired = paired_table(trials)
+    paired = paired_table(trials, PAPER)
     assert (paired.loc[paired["classical"] == "FMT*", "both solved"] == 0).all()
     assert (paired.loc[paired["classical"] == "FMT*", "only learned solved"] > 0).all()
 
@@ -105,12 +104,12 @@ def test_combinations_that_were_not_run_are_shown_as_such():
     """n = 0 and dashes; no rows at all give no tables."""
     trials = make_trials(4, ("blocks",))
     part = trials[~((trials["method"] == "FMT*") & (trials["adherence"] == "atlas"))]
-    row = row_of(results_table(part)["blocks"], "FMT*", "atlas")
+    row = row_of(results_table(part, PAPER)["blocks"], "FMT*", "atlas")
     assert row["n"] == 0 and row["success [95 %]"] == "–" and row["projections (median)"] == "–"
-    paired = paired_table(part).set_index(["classical", "adherence"])
+    paired = paired_table(part, PAPER).set_index(["classical", "adherence"])
     assert paired.loc[("FMT*", "atlas"), "McNemar p (exact)"] == "–"
     empty = pd.DataFrame(columns=list(TRIAL_COLUMNS))
-    assert results_table(empty) == {} and paired_table(empty).empty and rejection_table(empty).empty
+    assert results_table(empty, PAPER) == {} and paired_table(empty, PAPER).empty and rejection_table(empty).empty
 
 
 def test_pairs_count_and_test_what_both_and_one_solved():
@@ -120,7 +119,7 @@ def test_pairs_count_and_test_what_both_and_one_solved():
     trials.loc[learned, "solved"] = [True] * 18 + [False] * 2
     trials.loc[classical, "solved"] = [True] * 10 + [False] * 9 + [True]
     trials["path_length"] = 1.0
-    (row,) = paired_table(trials).to_dict("records")
+    (row,) = paired_table(trials, PAPER).to_dict("records")
     assert (row["pairs"], row["both solved"]) == (20, 10)
     assert (row["only learned solved"], row["only classical solved"]) == (8, 1)
     p = 2 * sum(comb(9, i) for i in range(2)) / 2**9
@@ -145,8 +144,9 @@ def test_rejections_of_one_kind_count_as_one():
     assert [4, "time limit"] in rows and len(rows) == 2
 
 
-@pytest.mark.parametrize("table", [results_table, paired_table, rejection_table])
+@pytest.mark.parametrize("table", [(results_table, PAPER), (paired_table, PAPER), (rejection_table,)])
 def test_unknown_columns_are_refused_by_name(table):
     """No table is made from a file with other columns."""
+    make, *more = table
     with pytest.raises(ArtifactError, match="surprise"):
-        table(make_trials(2).assign(surprise=1))
+        make(make_trials(2).assign(surprise=1), *more)

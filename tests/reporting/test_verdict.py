@@ -7,7 +7,7 @@ from pipeline.errors import ArtifactError
 from pipeline.reporting import verdict_summary, verdict_table
 from pipeline.reporting.frames import TRIAL_COLUMNS
 from pipeline.reporting.verdict import MEAN_SPEED, NO, NO_DATA, NO_NUMBER, SHORTER, SPEED, SUCCESS, TUNED_SPEED, YES
-from tests.reporting.synthetic import make_trials
+from tests.reporting.synthetic import PAPER, make_trials
 
 X, FMT, RRT = "CoMPNetX-FMT*", "FMT*", "RRTConnect"
 
@@ -24,7 +24,7 @@ def flat(n: int = 100, **settings: tuple[float, float, float]) -> pd.DataFrame:
 
 
 def answer(trials: pd.DataFrame, expectation: str, method: str) -> pd.Series:
-    table = verdict_table(trials)
+    table = verdict_table(trials, PAPER)
     (row,) = [r for _, r in table.iterrows() if r["expectation"] == expectation and r["method"].startswith(method)]
     return row
 
@@ -83,7 +83,7 @@ def test_a_method_that_solved_nothing_cannot_be_compared_and_misses_its_success(
 def test_summary_says_no_when_one_row_misses():
     """'yes' needs every comparable row; the rows that miss are named."""
     trials = flat(x=(1, 0.5, 1), fmt=(0.5, 1, 1), rrt=(1, 0.01, 2))
-    summary = verdict_summary(verdict_table(trials)).set_index("expectation")
+    summary = verdict_summary(verdict_table(trials, PAPER)).set_index("expectation")
     assert summary["met"].to_dict() == {
         SUCCESS: NO, TUNED_SPEED: NO_DATA, SPEED: YES, MEAN_SPEED: YES, SHORTER: YES
     }  # fmt: skip
@@ -93,7 +93,7 @@ def test_summary_says_no_when_one_row_misses():
 
 def test_empty_and_foreign_trials():
     """No trials give no rows; unknown columns are named."""
-    empty = verdict_table(pd.DataFrame(columns=list(TRIAL_COLUMNS)))
+    empty = verdict_table(pd.DataFrame(columns=list(TRIAL_COLUMNS)), PAPER)
     assert empty.empty and verdict_summary(empty).empty
     with pytest.raises(ArtifactError, match="surprise"):
-        verdict_table(make_trials(2).assign(surprise=1))
+        verdict_table(make_trials(2).assign(surprise=1), PAPER)

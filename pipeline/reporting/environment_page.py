@@ -1,6 +1,6 @@
-"""The page of the sphere: every sentence with a number in it is made from the trials."""
+"""The page of an environment: every sentence with a number in it is made from the trials."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import pandas as pd
 
@@ -11,9 +11,8 @@ from pipeline.reporting import sphere_pictures as pictures
 from pipeline.reporting import tables, text, verdict
 from pipeline.reporting.frames import CLASSICAL, OURS, TUNED, both_solved, check_trials, method_pairs, ordered, pair
 from pipeline.reporting.markdown import Illustration, Provenance, Section, escape, page
-from pipeline.reporting.paper_sphere import SPHERE, PaperResult
+from pipeline.reporting.paper import Paper
 
-TITLE = "Sphere"
 _CHOICES_NOTE = (
     "Each row changes the parameters named in brackets; everything else is as in the results above. No test scene was "
     "used. Rows with group = 0.0 expand one sample after the other by code made for groups, which a "
@@ -32,28 +31,27 @@ _PEERS = (
     "The paper's numbers are those it prints, by its own code at that time, which was not run here; later versions of "
     "it are not considered. Planners of OMPL, with the version that was measured, stand on the performance page."
 )
-PAPER_SCENARIOS = {"blocks": "scenario 1 of the paper", "bands": "scenario 2 of the paper, never trained on"}
 
 
-def sphere_page(
+def environment_page(
     trials: pd.DataFrame,
     illustrations: Mapping[str, Illustration],
     provenance: Provenance,
     choices: pd.DataFrame,
     settings: Settings,
     tried: Settings,
-    paper: Sequence[PaperResult] = SPHERE,
+    paper: Paper,
 ) -> str:
     """Return the page in Markdown.
 
     Args:
         trials: of the benchmark.
-        illustrations: of `sphere_figures` and `sphere_stills`, by name; those that are missing are left out.
+        illustrations: of `environment_figures` and `sphere_stills`, by name; those that are missing are left out.
         provenance: commit, profile, machine, and the commands of 'benchmark', 'train' and 'report'.
         choices: trials of the variants on validation scenes.
         settings: parameters of each method's 'planner' and 'sampler', by its label.
         tried: those of each variant of `choices`, with its 'base'.
-        paper: what to compare with.
+        paper: the title, and what to compare with.
 
     Raises:
         ArtifactError: columns are missing or unknown.
@@ -64,22 +62,24 @@ def sphere_page(
     scenarios = ordered(trials["scenario"], "scenario")
     verdicts = verdict.verdict_table(trials, paper)
     results = tables.results_table(trials, paper)
-    machine = f"Times were measured on {escape(provenance.machine)}; the paper names no machine."
+    machine = (
+        f"Times were measured on {escape(provenance.machine)}{'; the paper names no machine' * bool(paper.results)}."
+    )
 
     def shown(*names: str) -> list[Illustration]:
         return [illustrations[name] for name in names if name in illustrations]
 
     sections = [
         Section("Summary", [*shown(*scenarios[:1]), *_summary(trials, verdicts), machine], benchmark),
-        Section("What was run", [_runs(trials), _settings(settings)], benchmark),
+        Section("What was run", [_runs(trials, paper), _settings(settings)], benchmark),
     ]
     for scenario, result in results.items():
-        of = f" ({PAPER_SCENARIOS[scenario]})" if scenario in PAPER_SCENARIOS else ""
+        of = f" ({paper.scenarios[scenario]})" if scenario in paper.scenarios else ""
         parts: list[str | pd.DataFrame | Illustration] = []
         for name, columns in (
             ("Success", tables.OUTCOME),
             ("Planning time", tables.TIME),
-            ("Path length", tables.LENGTH),
+            ("Path length", tables.length_columns(paper.unit)),
             ("Work", tables.EFFORT),
         ):
             parts += [f"### {name}, {scenario}", result[list(columns)]]
@@ -92,7 +92,7 @@ def sphere_page(
         ),
         Section(
             "Where the time of the learned methods goes",
-            [*_shares(trials), *_tails(trials, settings), _ENCODING_NOTE, machine],
+            [*_shares(trials, paper.unit), *_tails(trials, settings), _ENCODING_NOTE, machine],
             benchmark,
         ),
         Section(
@@ -100,9 +100,9 @@ def sphere_page(
             [
                 _tried_with(choices),
                 _CHOICES_NOTE,
-                choices_table(choices),
+                choices_table(choices, paper.unit),
                 escape(_SIZES_NOTE),
-                _equal_sizes(choices, tried),
+                _equal_sizes(choices, tried, paper.unit),
                 "### Which settings are measured, and by which rule",
                 *_chosen(choices, tried, settings),
                 machine,
@@ -123,25 +123,26 @@ def sphere_page(
     sections += [
         Section("What was not solved, and why", [_rejected(trials), tables.rejection_table(trials)], benchmark),
         Section("Every comparison", [verdicts, escape(verdict.VERDICT_NOTE), machine], benchmark),
-        Section("Where the paper's numbers stand", [_PEERS, _sources(paper)]),
     ]
-    return page(TITLE, sections, provenance)
+    if paper.results:
+        sections.append(Section("Where the paper's numbers stand", [_PEERS, _sources(paper)]))
+    return page(paper.title, sections, provenance)
 
 
-def sphere_summary(
+def environment_summary(
     trials: pd.DataFrame,
     illustrations: Mapping[str, Illustration],
     provenance: Provenance,
-    paper: Sequence[PaperResult] = SPHERE,
+    paper: Paper,
 ) -> Section:
-    """Return the sphere's section of the index: the first picture and the expectations.
+    """Return the section of the index: the first picture and the expectations.
 
     Raises:
         ArtifactError: columns are missing or unknown.
     """
     first = [illustrations[s] for s in ordered(trials["scenario"], "scenario") if s in illustrations][:1]
     parts = [*first, *_summary(trials, verdict.verdict_table(trials, paper))]
-    return Section(TITLE, parts, provenance.commands.get("benchmark", ""))
+    return Section(paper.title, parts, provenance.commands.get("benchmark", ""))
 
 
 def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.DataFrame]:
@@ -156,12 +157,12 @@ def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.Data
     return [*_headline(trials), sentence, summary, escape(verdict.SUMMARY_NOTE)]
 
 
-def _runs(trials: pd.DataFrame) -> pd.DataFrame:
+def _runs(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     rows = []
     for scenario in ordered(trials["scenario"], "scenario"):
         part = trials[trials["scenario"] == scenario]
         rows.append({
-            "scenario": scenario, "in the paper": PAPER_SCENARIOS.get(scenario, text.NONE),
+            "scenario": scenario, "in the paper": paper.scenarios.get(scenario, text.NONE),
             "scenes": part["scene"].nunique(), "problems": len(part[["scene", "problem"]].drop_duplicates()),
             "methods": part["method"].nunique(), "adherence methods": part["adherence"].nunique(),
             "n trials": len(part), "solved": int(part["solved"].astype(bool).sum()),
@@ -181,10 +182,10 @@ def _settings(settings: Settings) -> pd.DataFrame:
     )
 
 
-def _equal_sizes(choices: pd.DataFrame, tried: Settings) -> pd.DataFrame | str:
+def _equal_sizes(choices: pd.DataFrame, tried: Settings, unit: str) -> pd.DataFrame | str:
     if choices.empty:
         return ""
-    return equal_sizes_table(choices, tried, CLASSICAL, OURS)
+    return equal_sizes_table(choices, tried, CLASSICAL, OURS, unit)
 
 
 def _chosen(choices: pd.DataFrame, tried: Settings, settings: Settings) -> list[str]:
@@ -212,7 +213,7 @@ def _headline(trials: pd.DataFrame) -> list[str]:
     return [f"Ratios of median times of {escape(OURS)}, 95 % intervals over scenes:", "\n".join(lines)] if lines else []
 
 
-def _shares(trials: pd.DataFrame) -> list[str]:
+def _shares(trials: pd.DataFrame, unit: str) -> list[str]:
     """Say in sentences what the network costs beside the whole classical plan, and what it saves in checks."""
     # The first plan in a scene encodes it; that one is the warm-up, which is not measured.
     said = []
@@ -222,6 +223,7 @@ def _shares(trials: pd.DataFrame) -> list[str]:
             ours, theirs = part[part["method"] == learned], part[part["method"] == classical]
             if ours.empty or theirs.empty:
                 continue
+            own, other = (f"{side['path_length'].median():.3f} {unit}" for side in (ours, theirs))
             network, whole = 1e3 * ours["network_time"].median(), 1e3 * theirs["planning_time"].median()
             together = 1e3 * ours["planning_time"].median()
             said.append(
@@ -230,8 +232,8 @@ def _shares(trials: pd.DataFrame) -> list[str]:
                 f"the whole classical plan: with a network that costs nothing the ratio of these medians would be "
                 f"{whole / (1e3 * (ours['planning_time'] - ours['network_time']).median()):.2f}, with this one it is "
                 f"{whole / together:.2f}. Collision checks: {ours['collision_checks'].median():.0f} against "
-                f"{theirs['collision_checks'].median():.0f}; path length {ours['path_length'].median():.3f} m against "
-                f"{theirs['path_length'].median():.3f} m (medians over all adherence methods). Of {escape(learned)}'s "
+                f"{theirs['collision_checks'].median():.0f}; path length {own} against "
+                f"{other} (medians over all adherence methods). Of {escape(learned)}'s "
                 f"samples {ours['fallback_samples'].sum() / max(ours['samples'].sum(), 1):.0%} came from the classical "
                 f"sampler, in all trials together."
             )
@@ -293,7 +295,9 @@ def _rejected(trials: pd.DataFrame) -> str:
     )
 
 
-def _sources(paper: Sequence[PaperResult]) -> pd.DataFrame:
-    rows = [(r.scenario, r.method, r.adherence, r.time_text, r.success_text, r.length_text, r.source) for r in paper]
-    names = ["scenario", "method", "adherence", "time [s]", "success", "length", "compnetx.txt, section: sentence"]
+def _sources(paper: Paper) -> pd.DataFrame:
+    rows = [
+        (r.scenario, r.method, r.adherence, r.time_text, r.success_text, r.length_text, r.source) for r in paper.rows
+    ]
+    names = ["scenario", "method", "adherence", "time [s]", "success", "length", f"{paper.source}, section: sentence"]
     return pd.DataFrame(rows, columns=names)

@@ -1,0 +1,113 @@
+"""What a paper reports about an environment, as data: its numbers stand in conf/paper and nowhere else."""
+
+from dataclasses import dataclass, field, fields
+
+
+@dataclass(frozen=True)
+class PaperResult:
+    """One method with one adherence in one scenario, as printed. None where the paper gives no number.
+
+    Attributes:
+        scenario, method, adherence: as in the trials.
+        time: planning time, mean and deviation [s].
+        time_range: planning time where the paper gives a range only [s].
+        success: fraction solved.
+        success_exceeds: the paper says 'over', not 'around'.
+        length: path length on the unit sphere, mean and deviation.
+        remark: what the paper says about the path length in words where it gives no number.
+        source: section and sentence.
+    """
+
+    scenario: str
+    method: str
+    adherence: str
+    time: tuple[float, float] | None = None
+    time_range: tuple[float, float] | None = None
+    success: float | None = None
+    success_exceeds: bool = False
+    length: tuple[float, float] | None = None
+    remark: str = ""
+    source: str = ""
+
+    @property
+    def time_text(self) -> str:
+        """The time as the paper prints it [s]; empty when it gives none."""
+        if self.time is not None:
+            return f"{self.time[0]:g} ± {self.time[1]:g}"
+        return "" if self.time_range is None else f"{self.time_range[0]:g} to {self.time_range[1]:g}"
+
+    @property
+    def success_text(self) -> str:
+        """The success rate as the paper prints it; empty when it gives none."""
+        if self.success is None:
+            return ""
+        return f"{'over' if self.success_exceeds else 'around'} {100 * self.success:g} %"
+
+    @property
+    def length_text(self) -> str:
+        """The path length as the paper prints it, or its words; empty when it gives neither."""
+        return self.remark if self.length is None else f"{self.length[0]:g} ± {self.length[1]:g}"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One result as a file writes it; see `PaperResult`.
+
+    Attributes:
+        adherences: methods that the paper gives this one number for.
+        said: section and sentence.
+    """
+
+    scenario: str
+    method: str
+    adherences: tuple[str, ...]
+    said: str
+    time: tuple[float, float] | None = None
+    time_range: tuple[float, float] | None = None
+    success: float | None = None
+    success_exceeds: bool = False
+    length: tuple[float, float] | None = None
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Paper:
+    """What a page compares with; see conf/paper. Without a paper there are no results.
+
+    Attributes:
+        title: of the page.
+        source: name of the paper's text.
+        unit: of path lengths.
+        scenarios: what each scenario is in the paper.
+        same: our names of methods that the paper has under another name: its name.
+        results: what it says.
+    """
+
+    title: str
+    source: str = ""
+    unit: str = "m"
+    scenarios: dict[str, str] = field(default_factory=dict)
+    same: dict[str, str] = field(default_factory=dict)
+    results: tuple[Claim, ...] = ()
+
+    @property
+    def rows(self) -> list[PaperResult]:
+        """The results, one for each adherence method."""
+        kept = {f.name for f in fields(Claim)} - {"adherences", "said"}
+        return [
+            PaperResult(adherence=adherence, source=claim.said, **{name: getattr(claim, name) for name in kept})
+            for claim in self.results
+            for adherence in claim.adherences
+        ]
+
+    def find(self, scenario: str, method: str, adherence: str) -> PaperResult | None:
+        """Return the paper's result of a method, or None where the paper says nothing about it."""
+        wanted = (scenario, self.same.get(method, method), adherence)
+        return next((r for r in self.rows if (r.scenario, r.method, r.adherence) == wanted), None)
+
+    def speed_up(self, scenario: str, adherence: str, learned: str, classical: str) -> float | None:
+        """Return the paper's ratio of mean times, classical over learned, or None where it gives no two means."""
+        fast, slow = self.find(scenario, learned, adherence), self.find(scenario, classical, adherence)
+        if fast is None or slow is None or fast.time is None or slow.time is None:
+            return None
+        return slow.time[0] / fast.time[0]
