@@ -1,7 +1,7 @@
 """The pipeline's DAG for DVC: written from what stages import and what Hydra composes, so that nobody keeps it by hand.
 
-Every stage runs once per environment, but for the report. A matrix value is Hydra's choice, the configuration file and
-the folder that the stage writes.
+Every stage runs once per environment, but for the report. The name of an environment is Hydra's choice, that of its
+configuration files and of the folder that the stage writes.
 """
 
 from collections.abc import Iterable
@@ -19,7 +19,6 @@ _HEAD = """\
 # Written by `make dag`, do not edit: stages are in pipeline/dag.py, what they read follows from imports and from conf/.
 # The pipeline for whatever profile the params.yaml beside this file names (docs/architecture.md, "Profiles").
 """
-_ITEM = "${item.environment}"
 
 
 @dataclass(frozen=True)
@@ -55,14 +54,14 @@ REPORT = Stage(
     "report",
     "The pages a reader sees",
     ("scenes", "demonstrations", "train", "benchmark", "choices"),
-    started=("pipeline/reporting/stills_vtk.py",),
+    started=("pipeline/reporting/scene_vtk.py", "pipeline/reporting/stills_vtk.py"),
 )
 
 
 def dag(root: Path) -> str:
     """Return the text of dvc.yaml for the stages of a repository at `root`, the same for all profiles."""
     environments = sorted(path.stem for path in (root / "conf" / "environment").glob("*.yaml"))
-    stages = {stage.name: _stage(root, stage, environments) for stage in STAGES}
+    stages = {f"{stage.name}-{name}": _stage(root, stage, name) for name in environments for stage in STAGES}
     stages[REPORT.name] = _report(root, environments)
     below = "${root}/artifacts/${profile}"
     metrics = [f"{below}/{s.name}/{name}/metrics.json" for s in STAGES if s.metrics for name in environments]
@@ -81,20 +80,16 @@ def write_dag(root: Path) -> list[Path]:
     return files
 
 
-def _stage(root: Path, stage: Stage, environments: list[str]) -> dict[str, object]:
+def _stage(root: Path, stage: Stage, environment: str) -> dict[str, object]:
     profile: dict[str, object] = {"conf/profile/${profile}.yaml": sorted(["name", *stage.sections])}
-    composed = {name: _composed(root, stage.name, [f"environment={name}"]) for name in environments}
-    files = [[file.replace(name, _ITEM) for file in found] for name, found in composed.items()]
-    if any(found != files[0] for found in files):
-        raise ValueError(f"stage {stage.name!r} reads other files for {environments}; each must have its own")
+    files = _composed(root, stage.name, [f"environment={environment}"])
     return {
         "wdir": "${root}",
-        "matrix": {"environment": environments},
-        "desc": stage.says,
-        "cmd": f"python stages/{stage.name}.py profile=${{profile}} environment={_ITEM}",
-        "deps": [*(f"artifacts/${{profile}}/{name}/{_ITEM}" for name in stage.reads), *_code(root, stage)],
-        "params": [*({file: None} for file in files[0]), profile],
-        "outs": [f"artifacts/${{profile}}/{stage.name}/{_ITEM}"],
+        "desc": f"{stage.says}, {environment}",
+        "cmd": f"python stages/{stage.name}.py profile=${{profile}} environment={environment}",
+        "deps": [*(f"artifacts/${{profile}}/{name}/{environment}" for name in stage.reads), *_code(root, stage)],
+        "params": [*({file: None} for file in files), profile],
+        "outs": [f"artifacts/${{profile}}/{stage.name}/{environment}"],
     }
 
 

@@ -1,21 +1,27 @@
 """The scale of a run: one section per stage that scales."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 from pipeline.errors import require
-from pipeline.spec.scene import Split
+from pipeline.spec.scene import Scene, Split
 
 
 @dataclass(frozen=True)
 class ScenesScale:
-    """Numbers of scenes per split and of problems per scene."""
+    """Numbers of scenes per split and of problems per scene.
+
+    Attributes:
+        train, validation, test: scenes of a split.
+        pairs, test_pairs: problems of a scene, those of test scenes apart.
+        others: problems of a scene of certain scenarios.
+    """
 
     train: int
     validation: int
     test: int
     pairs: int
     test_pairs: int
-    band_pairs: int
+    others: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _positive("scenes", self)
@@ -24,6 +30,10 @@ class ScenesScale:
     def counts(self) -> dict[Split, int]:
         """Scenes per split."""
         return {Split.TRAIN: self.train, Split.VALIDATION: self.validation, Split.TEST: self.test}
+
+    def problems(self, scene: Scene) -> int:
+        """Return how many problems a scene has."""
+        return self.others.get(scene.scenario, self.test_pairs if scene.split is Split.TEST else self.pairs)
 
 
 @dataclass(frozen=True)
@@ -38,11 +48,17 @@ class TrainScale:
 
 @dataclass(frozen=True)
 class BenchmarkScale:
-    """How much is measured: problems per scene of scenario 1 and of scenario 2, recordings per row of the tables."""
+    """How much is measured.
+
+    Attributes:
+        problems_per_scene: of each test scene.
+        recordings: per row of the tables.
+        others: problems of each test scene of certain scenarios.
+    """
 
     problems_per_scene: int
-    band_problems: int
     recordings: int
+    others: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _positive("benchmark", self)
@@ -71,4 +87,6 @@ class Profile:
 
 def _positive(section: str, scale: object) -> None:
     for f in fields(scale):  # type: ignore[arg-type]  # every caller is a dataclass
-        require(f"profile.{section}.{f.name}", getattr(scale, f.name), above=0)
+        value = getattr(scale, f.name)
+        for name, number in value.items() if f.name == "others" else ((None, value),):
+            require(".".join(filter(None, ("profile", section, f.name, name))), number, above=0)

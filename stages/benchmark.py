@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import BANDS, ENVIRONMENTS
+from pipeline.environments import ENVIRONMENTS
 from pipeline.environments.oracle import shards
 from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
@@ -50,11 +50,11 @@ def main(cfg: DictConfig) -> None:
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained, scenes = folder(profile, "train", name) / "model.pt", read_scenes(source)
     every = read_tasks(source, scenes)
-    problems = pick(every, [Split.TEST], scale.problems_per_scene, {BANDS: scale.band_problems})
+    problems = pick(every, [Split.TEST], scale.problems_per_scene, scale.others)
     grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
     learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
     files = [source / SCENES, source / TASKS, voxels, trained]
-    chosen = [scale.problems_per_scene, scale.band_problems, config.shard, asdict(config.environment)]
+    chosen = [scale.problems_per_scene, scale.others, config.shard, asdict(config.environment)]
     key = digest(*files, chosen, asdict(config.experiment), code_digest(Path(__file__)))
     work = partial(run_trials, config.experiment, environment, scenes, learned)
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "benchmark" / key

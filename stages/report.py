@@ -13,7 +13,7 @@ from pipeline.errors import ConfigError
 from pipeline.files import read_arrays, read_json, read_table
 from pipeline.profile import Profile
 from pipeline.recording.layout import write_layout
-from pipeline.reporting.frames import check_drawable, read_curves
+from pipeline.reporting.frames import read_curves
 from pipeline.spec.scene import read_scenes
 from pipeline.stage import folder, guarded
 
@@ -32,19 +32,12 @@ class Config:
         check_file(self.output / "README.md")
         if not self.environments:
             raise ConfigError("environments is empty; name at least one")
-        for name in self.papers:
-            if name not in self.environments:
-                raise ConfigError(
-                    f"papers has {name!r}, which is not among environments: {', '.join(self.environments)}"
-                )
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="report")
 @guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
-    for name in config.environments:
-        check_drawable(name, read_arrays(folder(config.profile.name, "benchmark", name) / "samples.npz", "samples"))
     # Entry by entry: beside these pages may lie others that this stage does not write.
     with atomic_entries(config.output) as out:
         summaries = [(f"{name}.md", _page(config, name, out)) for name in config.environments]
@@ -62,7 +55,6 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     settings = read_json(benchmark / "methods.json", "methods")
     curves = read_curves(folder(config.profile.name, "train", name))
     scenes = read_scenes(folder(config.profile.name, "scenes", name))
-    obstacles = {scene.name: scene.obstacles for scene in scenes.values()}
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
     tried = read_json(folder(config.profile.name, "choices", name) / "methods.json", "variants")
     paper = config.papers.get(name, reporting.Paper(name))
@@ -70,7 +62,7 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     figures = out / name  # beside the page, which links to it by this name
     pictures = {
         **reporting.environment_figures(trials, curves, figures, paper),
-        **reporting.sphere_stills(trials, solutions, obstacles, samples, figures, stills),
+        **reporting.path_pictures(trials, solutions, scenes, samples, figures, stills),
     }
     text = reporting.environment_page(trials, pictures, provenance, choices, settings, tried, paper)
     reporting.write(text, out / f"{name}.md")

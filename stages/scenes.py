@@ -10,12 +10,12 @@ from omegaconf import DictConfig
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import BANDS, ENVIRONMENTS, Environment
+from pipeline.environments import ENVIRONMENTS, Environment
 from pipeline.keys import code_digest, digest
 from pipeline.parallel import run_shards
 from pipeline.profile import Profile
 from pipeline.schema import Choice
-from pipeline.spec.scene import Scene, Split, write_scenes, write_tasks
+from pipeline.spec.scene import Scene, write_scenes, write_tasks
 from pipeline.stage import SCRATCH, destination, guarded
 
 
@@ -33,14 +33,7 @@ def main(cfg: DictConfig) -> None:
     target = destination(config.profile.name, "scenes", config.environment.name)
     environment, scale = config.environment.make(ENVIRONMENTS, "environment"), config.profile.scenes
     scenes = environment.scenes(scale.counts)
-    counts = {
-        scene.name: scale.band_pairs
-        if scene.scenario == BANDS
-        else scale.test_pairs
-        if scene.split is Split.TEST
-        else scale.pairs
-        for scene in scenes
-    }
+    counts = {scene.name: scale.problems(scene) for scene in scenes}
     key = digest(asdict(config.environment), counts, code_digest(Path(__file__)))
     tasks = run_shards(
         partial(_tasks, environment, counts),

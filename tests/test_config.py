@@ -31,8 +31,8 @@ from pipeline.schema import Choice
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 STAGES = sorted(
-    path.stem for path in CONF.glob("*.yaml") if not path.stem.startswith(("bench", "soak"))
-)  # fixed opponents and families
+    path.stem for path in CONF.glob("*.yaml") if path.stem not in ("bench", "bench_arms", "soak")
+)  # whose opponents and families are fixed
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "hydra")
 
 
@@ -103,6 +103,13 @@ def leaves(value: Any, where: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any,
         yield where, value
 
 
+def holds(composed: Any, content: Any) -> bool:
+    if isinstance(composed, dict) and isinstance(content, dict):
+        said = {key: value for key, value in content.items() if key != "defaults"}
+        return all(key in composed and holds(composed[key], value) for key, value in said.items())
+    return composed == content
+
+
 def changed(plain: Any, where: tuple[Any, ...], value: Any) -> Any:
     found = copy.deepcopy(plain)
     inner = found
@@ -114,17 +121,33 @@ def changed(plain: Any, where: tuple[Any, ...], value: Any) -> Any:
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_every_choice_composes_and_converts(stage):
-    """The stage's own configuration, and those with every other choice of its groups, convert into its dataclass."""
-    convert_all(stage, compose(stage))
-    offered = {key: files_of(key.partition("@")[0]) for key in choices_of(stage)}
+    """Every environment's configuration, and the first one's with every other choice, convert into the dataclass."""
+    chosen_alike = re.findall(r"- (\w+): \$\{environment\}", (CONF / f"{stage}.yaml").read_text())
+    keys, plain = choices_of(stage), OmegaConf.to_container(compose(stage))
+    for name in files_of("environment") if "environment" in keys else ():
+        convert_all(stage, compose(stage, [f"environment={name}"]))
+    convert_all(stage, plain)
+    offered = {
+        key: files_of(key.partition("@")[0])
+        for key, choice in keys.items()
+        # What a file changes of its choice need not fit another one.
+        if key not in ("environment", *chosen_alike) and has(plain, key, choice)
+    }
     for k in range(max(map(len, offered.values()), default=0)):  # all groups take their k-th choice at once
         chosen = {key: names[k % len(names)] for key, names in offered.items()}
         config = compose(stage, [f"{key}={name}" for key, name in chosen.items()])
         load(config, schema(stage))
         for key, name in chosen.items():
-            group, _, package = key.partition("@")
-            content = yaml.safe_load((CONF / group / f"{name}.yaml").read_text())
-            assert OmegaConf.to_container(OmegaConf.select(config, package or group)) == content
+            assert has(OmegaConf.to_container(config), key, name)
+
+
+def has(composed: Any, key: str, name: str) -> bool:
+    """Tell whether a configuration has all that a chosen file says, its own list of defaults apart."""
+    group, _, package = key.partition("@")
+    text = (CONF / group / f"{name}.yaml").read_text()
+    for part in () if "@package _global_" in text else (package or group).split("."):
+        composed = composed[part]
+    return holds(composed, yaml.safe_load(text))
 
 
 def test_every_file_is_read_by_a_stage():
@@ -135,7 +158,9 @@ def test_every_file_is_read_by_a_stage():
     assert set(compose("bench_arms").contest.families) <= families == set(files_of("family"))
     read = {key.partition("@")[0] for stage in STAGES for key in choices_of(stage)}
     assert read == set(GROUPS) - {"robot", "family"}  # tests/robots makes all robots, which problem files choose too
-    for group in ("adherence", "environment", "planner", "sampler"):
+    for name in files_of("environment"):
+        make(("environment",), load(compose("scenes", [f"environment={name}"]).environment, Choice))
+    for group in ("adherence", "planner", "sampler"):
         for name in files_of(group):
             choice = load(yaml.safe_load((CONF / group / f"{name}.yaml").read_text()), Choice)
             make((group,), choice)
@@ -149,8 +174,9 @@ def test_files_say_what_they_are(path):
         assert re.search(rf"python stages/{path.stem}\.py|make {path.stem}\b", comment)
     content = yaml.safe_load(path.read_text())
     assert content.get("name", path.stem) == path.stem
-    if path.parent.name != "hydra":
-        assert "${" not in path.read_text()  # DVC's `exp run -S` dies of interpolations
+    if path.parent.name != "hydra":  # DVC's `exp run -S` dies of interpolations: numbers stand in files without
+        text = path.read_text()
+        assert "${" not in (text.replace(": ${environment}\n", "") if path.parent == CONF else text)
 
 
 def test_compose_is_the_command_line():
@@ -179,7 +205,7 @@ def test_compose_is_the_command_line():
         ("train", "+model.network.hiden=[1]", ["unknown key 'hiden' in model.network", "'hidden'?", "dropout"]),
         ("benchmark", "+experiment.methods.fmt.lable=a", ["'lable' in experiment.methods.fmt", "'label'?", "sampler"]),
         ("scenes", "+environment.parameters.block=1", ["unknown key 'block' in environment", "'blocks'?", "latitude"]),
-        ("scenes", "environment.kind=sfere", ["environment is 'sfere'", "choices: sphere"]),
+        ("scenes", "environment.kind=sfere", ["environment is 'sfere'", "choices: family, sphere"]),
         ("demonstrations", "oracle.planner.kind=prm", ["planner is 'prm'", "choices: fmt, rrt, rrtconnect"]),
         (
             "demonstrations",
@@ -245,10 +271,14 @@ def test_no_number_may_be_nan_or_negative(stage):
 def test_scales_are_positive(scale):
     """A profile's number of anything must be above 0; which one is not is named with its section."""
     section = scale.__name__.removesuffix("Scale").lower()
-    for f in fields(scale):
+    numbers = [f.name for f in fields(scale) if f.name != "others"]
+    for name in numbers:
         for value in (0, -1):
-            with pytest.raises(ConfigError, match=rf"profile\.{section}\.{f.name} is {value}; it must be above 0"):
-                scale(**{other.name: value if other is f else 1 for other in fields(scale)})
+            with pytest.raises(ConfigError, match=rf"profile\.{section}\.{name} is {value}; it must be above 0"):
+                scale(**{other: value if other == name else 1 for other in numbers})
+    if len(numbers) < len(fields(scale)):
+        with pytest.raises(ConfigError, match=rf"profile\.{section}\.others\.bands is 0; it must be above 0"):
+            scale(**dict.fromkeys(numbers, 1), others={"bands": 0})
 
 
 def test_thickness_of_the_shell_is_a_number():

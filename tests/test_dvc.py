@@ -39,6 +39,7 @@ STAGES = list(yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"])
 PROFILES = {"quick": ".", **{path.name: f"profiles/{path.name}" for path in sorted((ROOT / "profiles").iterdir())}}
 ENVIRONMENTS = sorted(path.stem for path in (ROOT / "conf" / "environment").glob("*.yaml"))
 EACH = [(profile, stage) for profile in PROFILES for stage in STAGES]
+SPHERE = {name for name in STAGES if name.endswith("-sphere")}
 
 
 def copied(folder: Path) -> Path:
@@ -113,7 +114,17 @@ def stages(copy) -> dict[tuple[str, str], Stage]:
     """Every stage by profile and name, as DVC resolves it."""
     folders = {str(copy / place): profile for profile, place in PROFILES.items()}
     with opened(copy) as repository:
-        return {(folders[str(Path(s.path).parent)], s.name.partition("@")[0]): s for s in repository.index.stages}
+        return {(folders[str(Path(s.path).parent)], s.name): s for s in repository.index.stages}
+
+
+def of(script: str) -> set[str]:
+    """Return the stages of a script, one for each environment."""
+    return {f"{script}-{environment}" for environment in ENVIRONMENTS}
+
+
+def script_of(name: str) -> str:
+    """Return the script of a stage, without its environment."""
+    return name.partition("-")[0]
 
 
 def within(copy: Path, path: str) -> str:
@@ -151,8 +162,9 @@ print(json.dumps(found))
 @pytest.fixture(scope="module")
 def imported(copy) -> dict[str, set[str]]:
     """Stage -> files of `pipeline` that are loaded once a fresh process has imported its script."""
-    found = json.loads(call(copy, sys.executable, "-c", IMPORTS, *(f"stages/{stage}.py" for stage in STAGES)))
-    return {Path(script).stem: {within(copy, file) for file in files} for script, files in found.items()}
+    found = json.loads(call(copy, sys.executable, "-c", IMPORTS, *(f"stages/{s}.py" for s in map(script_of, STAGES))))
+    files = {Path(script).stem: {within(copy, file) for file in files} for script, files in found.items()}
+    return {name: files[script_of(name)] for name in STAGES}
 
 
 def test_every_profile_has_every_stage(copy, stages):
@@ -160,9 +172,11 @@ def test_every_profile_has_every_stage(copy, stages):
     assert sorted(stages) == sorted(EACH)
     for (profile, name), stage in stages.items():
         script, *overrides = stage.cmd.split()[1:]
-        assert stage.cmd.startswith("python ") and script == f"stages/{name}.py" and Path(stage.wdir) == copy
+        assert stage.cmd.startswith("python ") and script == f"stages/{script_of(name)}.py" and Path(stage.wdir) == copy
         assert f"profile={profile}" in overrides
-        assert ("environment=sphere" in overrides) == (name != "report")
+        assert [o for o in overrides if o.startswith("environment=")] == [
+            f"environment={e}" for e in name.split("-")[1:]
+        ]
 
 
 def test_dag_is_what_make_dag_writes():
@@ -176,7 +190,8 @@ def test_params_are_the_files_hydra_composes(copy, stages, profile, name):
     """A stage watches exactly the files that Hydra reads for its command line, those of Hydra itself apart."""
     overrides = stages[profile, name].cmd.split()[2:]
     with initialize_config_dir(str(copy / "conf"), version_base="1.3"):
-        defaults = GlobalHydra.instance().config_loader().compute_defaults_list(name, overrides, RunMode.RUN).defaults
+        loader = GlobalHydra.instance().config_loader()
+        defaults = loader.compute_defaults_list(script_of(name), overrides, RunMode.RUN).defaults
     composed = {f"conf/{default.config_path}.yaml" for default in defaults}
     composed = {path for path in composed if not path.startswith("conf/hydra/")}
     assert f"conf/profile/{profile}.yaml" in composed
@@ -189,7 +204,7 @@ def test_params_of_the_profile_are_the_sections_read(copy, stages, imported, pro
     watched = params(copy, stages[profile, name])
     sections = set(yaml.safe_load((copy / f"conf/profile/{profile}.yaml").read_text()))
     read = set()
-    for path in {f"stages/{name}.py", *imported[name]}:
+    for path in {f"stages/{script_of(name)}.py", *imported[name]}:
         for node in ast.walk(ast.parse((copy / path).read_text())):
             match node:
                 case ast.Attribute(attr=section, value=ast.Attribute(attr="profile")):
@@ -205,7 +220,7 @@ def test_imports_are_dependencies(copy, stages, imported, name):
     """Every module of ours that a stage imports is a dependency or inside one, as is its own script."""
     listed = dependencies(copy, stages["quick", name])
     assert len(imported[name]) > 5
-    assert uncovered({*imported[name], f"stages/{name}.py"}, listed) == set()
+    assert uncovered({*imported[name], f"stages/{script_of(name)}.py"}, listed) == set()
 
 
 def test_started_scripts_are_dependencies(copy, stages, imported):
@@ -237,28 +252,36 @@ def test_dependencies_are_there_and_needed(copy, stages, imported, name):
             assert any(Path(output).is_relative_to(path) for output in outputs)
         else:
             assert (copy / path).exists()
-        if path.startswith("pipeline/") and not path.endswith("stills_vtk.py"):  # started, not imported
+        if path.startswith("pipeline/") and not path.endswith("_vtk.py"):  # started, not imported
             modules = [path] if path.endswith(".py") else [str(f.relative_to(copy)) for f in (copy / path).glob("*.py")]
             named = {module.removesuffix(".py").replace("/", ".") for module in modules}
             assert not modules or set(modules) & imported[name] or any(f"from {module} " in sources for module in named)
 
 
-def test_matrix_is_choice_and_folder():
-    """A matrix value is a choice of Hydra, a configuration file, and the folder the stage writes."""
+def test_every_environment_has_every_stage():
+    """An environment is a choice of Hydra in every group that is chosen by it, and the folder that a stage writes."""
     document = yaml.safe_load((ROOT / "dvc.yaml").read_text())
+    scripts = dict.fromkeys(script_of(name) for name in STAGES if name != "report")
+    assert sorted(STAGES) == sorted(
+        [*(f"{s}-{environment}" for s in scripts for environment in ENVIRONMENTS), "report"]
+    )
     for name, stage in document["stages"].items():
-        if name == "report":
-            continue
-        assert stage["matrix"] == {"environment": ENVIRONMENTS}
-        assert "environment=${item.environment}" in stage["cmd"]
-        assert stage["outs"] == [f"artifacts/${{profile}}/{name}/${{item.environment}}"]
-    for group, names in (("perception", ENVIRONMENTS), ("model", [f"compnetx_{name}" for name in ENVIRONMENTS])):
-        assert {f"{name}.yaml" for name in names} <= {path.name for path in (ROOT / "conf" / group).iterdir()}
+        if name != "report":
+            script, environment = name.split("-")
+            assert stage["outs"] == [f"artifacts/${{profile}}/{script}/{environment}"]
+    chosen = {
+        m
+        for path in (ROOT / "conf").glob("*.yaml")
+        for m in re.findall(r"- (\w+): \$\{environment\}", path.read_text())
+    }
+    assert chosen == {"oracle", "perception", "recipe", "experiment", "variants"}
+    for group in (*chosen, "paper"):
+        assert sorted(path.stem for path in (ROOT / "conf" / group).glob("*.yaml")) == ENVIRONMENTS
     for path in document["metrics"]:
         stage, environment = re.fullmatch(
             r"\$\{root\}/artifacts/\$\{profile\}/(\w+)/(\w+)/metrics\.json", path
         ).groups()
-        assert stage in document["stages"] and environment in ENVIRONMENTS
+        assert stage in scripts and environment in ENVIRONMENTS
 
 
 def test_profiles_share_one_pipeline(stages):
@@ -281,7 +304,7 @@ def test_profiles_share_one_pipeline(stages):
 def changed(folder: Path) -> dict[str, dict]:
     """Return stage -> what DVC finds changed about it."""
     with opened(folder) as repository:
-        return {name.partition("@")[0]: found[0] for name, found in repository.status(targets=["dvc.yaml"]).items()}
+        return {name: found[0] for name, found in repository.status(targets=["dvc.yaml"]).items()}
 
 
 @pytest.fixture
@@ -303,15 +326,18 @@ def edit(copy):
 @pytest.mark.parametrize(
     ("name", "key", "expected"),
     [
-        ("conf/perception/sphere.yaml", "seed", {"voxels"}),
-        ("conf/perception/sphere.yaml", "size", {"voxels"}),
-        ("conf/model/compnetx_sphere.yaml", "dropout", {"train"}),
-        ("conf/demonstrations.yaml", "shortcuts", {"demonstrations"}),
-        ("conf/profile/quick.yaml", "epochs", {"train", "report"}),
-        ("conf/profile/quick.yaml", "test_pairs", {"scenes", "report"}),
-        ("conf/profile/quick.yaml", "recordings", {"benchmark", "report"}),
+        ("conf/perception/sphere.yaml", "seed", {"voxels-sphere"}),
+        ("conf/perception/sphere.yaml", "size", {"voxels-sphere"}),
+        ("conf/perception/transport_panda.yaml", "size", {"voxels-transport_panda"}),
+        ("conf/model/compnetx_sphere.yaml", "dropout", {"train-sphere"}),
+        ("conf/recipe/sphere.yaml", "spacing", {"train-sphere"}),
+        ("conf/oracle/sphere.yaml", "shortcuts", {"demonstrations-sphere"}),
+        ("conf/variants/sphere.yaml", "time_limit", {"choices-sphere"}),
+        ("conf/profile/quick.yaml", "epochs", {*of("train"), "report"}),
+        ("conf/profile/quick.yaml", "test_pairs", {*of("scenes"), "report"}),
+        ("conf/profile/quick.yaml", "recordings", {*of("benchmark"), "report"}),
         ("conf/profile/standard.yaml", "epochs", set()),
-        ("conf/environment/sphere.yaml", "blocks", set(STAGES) - {"report"}),
+        ("conf/environment/sphere.yaml", "blocks", SPHERE),
         ("conf/planner/rrt.yaml", "range", set()),
         ("conf/tune.yaml", "time_limit", set()),
     ],
@@ -326,9 +352,9 @@ def test_what_comes_after_an_edit(copy):
     """After voxels come training and everything measured with it, but neither scenes nor demonstrations."""
     with opened(copy) as repository:
         graph = repository.index.graph.reverse()
-        (voxels,) = (stage for stage in graph if stage.addressing == "voxels@sphere")
-        after = {stage.addressing.partition("@")[0] for stage in networkx.descendants(graph, voxels)}
-    assert after == {"train", "benchmark", "choices", "report"}
+        (voxels,) = (stage for stage in graph if stage.addressing == "voxels-sphere")
+        after = {stage.addressing for stage in networkx.descendants(graph, voxels)}
+    assert after == {"train-sphere", "benchmark-sphere", "choices-sphere", "report"}
 
 
 def test_an_edited_comment_concerns_nobody(copy, edit):
@@ -341,7 +367,7 @@ def test_an_edited_comment_concerns_nobody(copy, edit):
 
 def test_an_edited_module_concerns_those_who_import_it(copy, edit, imported):
     """With a module edited DVC finds changed all stages that import it and no other."""
-    for module, number in (("pipeline/planners/ompl_adapter.py", 0), ("pipeline/samplers/compnetx.py", 3)):
+    for module, number in (("pipeline/planners/ompl_adapter.py", 0), ("pipeline/samplers/compnetx.py", 5)):
         edit(module, '"""', '"""Also: ')
         importing = {name for name in STAGES if module in imported[name]}
         assert set(changed(copy)) == importing and len(importing) == number
@@ -360,7 +386,9 @@ def smoke(tmp_path_factory) -> tuple[Path, str]:
     """A repository whose whole pipeline has run in the smallest sizes, and what DVC printed."""
     folder = copied(tmp_path_factory.mktemp("smoke") / "repository")
     scale = yaml.safe_load((folder / "conf/profile/quick.yaml").read_text())
-    small = {key: dict.fromkeys(numbers, 1) for key, numbers in scale.items() if key != "name"}
+    small = {
+        key: {n: {"bands": 1} if n == "others" else 1 for n in of_it} for key, of_it in scale.items() if key != "name"
+    }
     small["scenes"]["pairs"] = 3
     (folder / "conf/profile/smoke.yaml").write_text(yaml.safe_dump({"name": "smoke", **small}))
     (folder / "params.yaml").write_text("profile: smoke\nroot: .\nreports: artifacts/smoke/report\n")
@@ -370,8 +398,9 @@ def smoke(tmp_path_factory) -> tuple[Path, str]:
         "conf/planner/fmt_learned.yaml": {"samples": 60},
         "conf/planner/fmt_tuned.yaml": {"samples": 60},
         "conf/planner/fmt_algorithm6.yaml": {"samples": 60},
-        "conf/benchmark.yaml": {"cloud": 20, "time_limit": 1.0},
-        "conf/choices.yaml": {"time_limit": 0.1},
+        "conf/benchmark.yaml": {"cloud": 20},
+        "conf/experiment/sphere.yaml": {"time_limit": 1.0},
+        "conf/variants/sphere.yaml": {"time_limit": 0.1},
         "conf/scenes.yaml": {"workers": 1},
         "conf/demonstrations.yaml": {"workers": 1},
         "conf/report.yaml": {"plain_stills": "true"},
@@ -385,7 +414,7 @@ def smoke(tmp_path_factory) -> tuple[Path, str]:
 
 
 def ran(log: str) -> list[str]:
-    return re.findall(r"^Running stage '(\w+)", log, re.MULTILINE)
+    return re.findall(r"^Running stage '([\w-]+)", log, re.MULTILINE)
 
 
 @pytest.mark.slow
@@ -393,7 +422,7 @@ def test_pipeline_runs_from_nothing(smoke):
     """`dvc repro` runs every stage once, after those it reads, and then finds nothing to do."""
     folder, log = smoke
     assert sorted(ran(log)) == sorted(STAGES)
-    assert ran(log)[0] == "scenes" and ran(log)[-1] == "report"
+    assert script_of(ran(log)[0]) == "scenes" and ran(log)[-1] == "report"
     again = call(folder, "dvc", "repro")
     assert ran(again) == [] and "up to date" in again
     assert changed(folder) == {}
@@ -410,8 +439,10 @@ def test_pipeline_leaves_git_as_it_was(smoke):
 def test_reports_name_the_command(smoke):
     """The pages exist, say which command made their numbers, and show pictures that are there."""
     pages = smoke[0] / "artifacts/smoke/report"
-    assert sorted(path.name for path in pages.iterdir()) == ["README.md", "layout.json", "sphere", "sphere.md"]
-    for name in ("README.md", "sphere.md"):
+    assert sorted(path.name for path in pages.iterdir()) == sorted(
+        ["README.md", "layout.json", *ENVIRONMENTS, *(f"{name}.md" for name in ENVIRONMENTS)]
+    )
+    for name in ("README.md", *(f"{name}.md" for name in ENVIRONMENTS)):
         text = (pages / name).read_text()
         assert "`make repro PROFILE=smoke`" in text
         shown = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
@@ -442,7 +473,9 @@ def test_dvc_shows_numbers_and_curves(smoke):
     folder, _ = smoke
     shown = call(folder, "dvc", "metrics", "show", "--json")
     found = json.loads(re.search(r"^\{.*\}$", shown, re.MULTILINE).group())[""]["data"]
-    found = {Path(path).parts[2]: entry["data"] for path, entry in found.items() if "smoke" in path}
+    found = {
+        Path(path).parts[2]: entry["data"] for path, entry in found.items() if "smoke" in path and "sphere" in path
+    }
     demonstrations = pd.read_parquet(folder / "artifacts/smoke/demonstrations/sphere/paths.parquet")
     assert found["demonstrations"]["solved"] == demonstrations["solved"].sum()
     assert found["train"]["epochs"] == 1
@@ -460,12 +493,12 @@ def test_one_number_reruns_what_reads_it(smoke):
     times = read_table(out / "trials.parquet", "trials")["planning_time"].tolist()
     path = folder / "conf/benchmark.yaml"
     path.write_text(path.read_text().replace("cloud: 20", "cloud: 30"))
-    assert set(changed(folder)) == {"benchmark"}
-    assert ran(call(folder, "dvc", "repro", "benchmark@sphere")) == ["benchmark"]
+    assert set(changed(folder)) == of("benchmark")
+    assert ran(call(folder, "dvc", "repro", "benchmark-sphere")) == ["benchmark-sphere"]
     assert read_table(out / "trials.parquet", "trials")["planning_time"].tolist() != times
     with np.load(out / "samples.npz") as clouds:
         assert {clouds[name].shape for name in clouds.files if "*" in name} == {(30, 3)}
-    assert set(changed(folder)) == {"report"}
+    assert set(changed(folder)) == {"report", *of("benchmark")} - {"benchmark-sphere"}
 
 
 @pytest.mark.slow
@@ -491,8 +524,11 @@ def test_killed_in_every_stage_it_ends_the_same(smoke):
         shutil.rmtree(folder / name)
     (folder / "dvc.lock").unlink()
     repeated = ["dvc", "repro", "--no-run-cache"]  # otherwise DVC takes the outputs from its cache
+    others = {*of("benchmark"), *of("choices")} - SPHERE
+    call(folder, *repeated, *sorted(others))
     for stage in ("scenes", "demonstrations", "voxels", "train", "benchmark", "choices", "report"):
-        asked = [*repeated, stage if stage == "report" else f"{stage}@sphere"]
+        name = stage if stage == "report" else f"{stage}-sphere"
+        asked = [*repeated, name]
         with subprocess.Popen(
             asked, cwd=folder, env=environment(folder), text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             start_new_session=True,
@@ -504,7 +540,8 @@ def test_killed_in_every_stage_it_ends_the_same(smoke):
                 time.sleep(0.01)
             os.killpg(process.pid, signal.SIGKILL)
         again = ran(call(folder, *asked))
-        assert again == [stage] or (again == [] and stage in ("scenes", "voxels"))  # which take hardly longer
+        # Scenes and voxels take hardly longer than to be killed.
+        assert again == [name] or (again == [] and stage in ("scenes", "voxels"))
     assert written() == before
     assert changed(folder) == {}
     assert (folder / "artifacts/smoke/report/sphere.md").is_file()

@@ -52,10 +52,10 @@ TINY = [
     *(
         "profile.scenes.pairs=10",
         "profile.scenes.test_pairs=1",
-        "profile.scenes.band_pairs=1",
+        "profile.scenes.others.bands=1",
         "profile.train.epochs=1",
     ),
-    *("profile.benchmark.problems_per_scene=1", "profile.benchmark.band_problems=1"),
+    *("profile.benchmark.problems_per_scene=1", "profile.benchmark.others.bands=1"),
     *("environment.parameters.blocks=100", "environment.parameters.grid=3000"),
 ]
 STAGE = {  # what else makes a stage quick
@@ -65,7 +65,7 @@ STAGE = {  # what else makes a stage quick
     "train": ["model.network.grid=11", "model.network.hidden=[16,8]", "model.network.dropout_layers=2", "threads=1"],
     "benchmark": ["experiment.time_limit=1.0", "experiment.methods.fmt.planner.parameters.samples=10"],
     "choices": [],
-    "report": ["output=artifacts/tiny/report"],
+    "report": ["environments=[sphere]", "output=artifacts/tiny/report"],
 }
 
 
@@ -86,7 +86,7 @@ def command(stage: str, *more: str) -> list[str]:
     replaced = {setting.partition("=")[0] for setting in more}
     settings = [setting for setting in (*TINY, *STAGE[stage]) if setting.partition("=")[0] not in replaced]
     if stage == "report":
-        settings = [setting for setting in settings if not setting.startswith("environment")]
+        settings = [setting for setting in settings if not setting.startswith("environment.")]
     return [str(ROOT / "stages" / f"{stage}.py"), *settings, *more]
 
 
@@ -187,7 +187,7 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         # The command line.
         ("scenes", "+worker=2", ["ConfigError: unknown key 'worker'", "mean 'workers'?", "Valid keys: profile"]),
         ("train", "+model.network.grids=2", ["ConfigError", "unknown key 'grids' in model.network", "'grid'?"]),
-        ("scenes", "environment.kind=cube", ["ConfigError: environment is 'cube'; choices: sphere"]),
+        ("scenes", "environment.kind=cube", ["ConfigError: environment is 'cube'; choices: family, sphere"]),
         ("demonstrations", "oracle.planner.kind=prm", ["ConfigError: oracle.planner is 'prm'; choices: fmt, rrt"]),
         ("demonstrations", "oracle.adherence.kind=at", ["ConfigError: adherence is 'at'; choices: atlas, projection"]),
         ("benchmark", f"{METHOD}.planner.kind=prm", ["ConfigError", ".planner is 'prm'; choices: fmt, rrt"]),
@@ -497,17 +497,6 @@ def test_measurements_are_made_anew(run, chain, tmp_path):
         assert list((tmp_path / "scratch" / "benchmark").iterdir()) == []
         times.append(read_table(folder / "trials.parquet", "trials")["planning_time"].tolist())
     assert times[0] != times[1]
-
-
-def test_an_environment_that_cannot_be_drawn(run, chain, tmp_path):
-    """The report of an environment whose configurations are no points in space ends in one line that says so."""
-    write_arrays({"blocks/start": np.zeros(7)}, tmp_path / "artifacts/tiny/benchmark/sphere/samples.npz", "samples")
-    before = files(tmp_path)
-    line = only_line(run("report", tmp_path))
-    assert line.startswith(
-        "ConfigError: environment 'sphere' has configurations of 7 variables; the report draws those"
-    )
-    assert files(tmp_path) == before
 
 
 @pytest.fixture

@@ -1,9 +1,10 @@
 """Scene and problem generators, one module per environment of the papers; demonstrations in `oracle`."""
 
 from pipeline.environments.base import Environment
+from pipeline.environments.of_family import FamilyEnvironment
 from pipeline.environments.sphere import BANDS, BLOCKS, Band, SphereEnvironment, fibonacci_sphere
 
-ENVIRONMENTS = {"sphere": SphereEnvironment}
+ENVIRONMENTS = {"sphere": SphereEnvironment, "family": FamilyEnvironment}
 
 __all__ = [
     "BANDS",
@@ -11,6 +12,7 @@ __all__ = [
     "ENVIRONMENTS",
     "Band",
     "Environment",
+    "FamilyEnvironment",
     "SphereEnvironment",
     "fibonacci_sphere",
 ]

@@ -26,7 +26,7 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class Recipe:
-    """See `conf/train.yaml`."""
+    """See `conf/train.yaml` and `conf/recipe/`."""
 
     profile: Profile
     environment: Choice

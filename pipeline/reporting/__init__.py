@@ -5,6 +5,7 @@ from pipeline.reporting.figures import length_boxes, save, solved_over_time, suc
 from pipeline.reporting.globe import Globe
 from pipeline.reporting.markdown import Illustration, Provenance, Section, index, page, write
 from pipeline.reporting.paper import Claim, Paper, PaperResult
+from pipeline.reporting.scene_pictures import path_pictures, robot_stills
 from pipeline.reporting.sphere_pictures import Sampled, environment_figures, sphere_stills
 from pipeline.reporting.stills import Stills
 from pipeline.reporting.tables import paired_table, rejection_table, results_table
@@ -27,8 +28,10 @@ __all__ = [
     "length_boxes",
     "page",
     "paired_table",
+    "path_pictures",
     "rejection_table",
     "results_table",
+    "robot_stills",
     "save",
     "solved_over_time",
     "sphere_stills",

@@ -15,9 +15,13 @@ from pipeline.reporting.paper import Paper
 
 _CHOICES_NOTE = (
     "Each row changes the parameters named in brackets; everything else is as in the results above. No test scene was "
-    "used. Rows with group = 0.0 expand one sample after the other by code made for groups, which a "
+    "used."
+)
+_GROUP_NOTE = (
+    "Rows with group = 0.0 expand one sample after the other by code made for groups, which a "
     "queue would do in less time: they compare paths and checks, not speed."
 )
+_GROUPLESS = "group = 0.0"
 _ENCODING_NOTE = (
     "A scene is encoded once, by the first plan in it, which is a warm-up here: no time on this page holds that "
     "encoding (its cost stands in the performance page's table of parts)."
@@ -82,10 +86,10 @@ def environment_page(
             ("Path length", tables.length_columns(paper.unit)),
             ("Work", tables.EFFORT),
         ):
-            parts += [f"### {name}, {scenario}", result[list(columns)]]
+            parts += [f"### {name}, {scenario}", _known(result[list(columns)], paper)]
         parts += [escape(tables.RESULTS_NOTE), machine, *(shown(scenario) if scenario != scenarios[0] else [])]
         sections.append(Section(f"Results: {scenario}{of}", parts, benchmark))
-    paired = tables.paired_table(trials, paper)
+    paired = _known(tables.paired_table(trials, paper), paper)
     sections += [
         Section(
             "Learned against classical, problem by problem", [paired, escape(tables.PAIRED_NOTE), machine], benchmark
@@ -99,10 +103,11 @@ def environment_page(
             "What was tried, on validation scenes",
             [
                 _tried_with(choices),
-                _CHOICES_NOTE,
+                f"{_CHOICES_NOTE} {_GROUP_NOTE}"
+                if any(_GROUPLESS in name for name in choices["method"])
+                else _CHOICES_NOTE,
                 choices_table(choices, paper.unit),
-                escape(_SIZES_NOTE),
-                _equal_sizes(choices, tried, paper.unit),
+                *_equal_sizes(choices, tried, paper.unit),
                 "### Which settings are measured, and by which rule",
                 *_chosen(choices, tried, settings),
                 machine,
@@ -122,8 +127,9 @@ def environment_page(
         sections.append(Section("Training", shown(pictures.TRAINING), train))
     sections += [
         Section("What was not solved, and why", [_rejected(trials), tables.rejection_table(trials)], benchmark),
-        Section("Every comparison", [verdicts, escape(verdict.VERDICT_NOTE), machine], benchmark),
     ]
+    if len(verdicts):
+        sections.append(Section("Every comparison", [verdicts, escape(verdict.VERDICT_NOTE), machine], benchmark))
     if paper.results:
         sections.append(Section("Where the paper's numbers stand", [_PEERS, _sources(paper)]))
     return page(paper.title, sections, provenance)
@@ -148,6 +154,8 @@ def environment_summary(
 def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.DataFrame]:
     if trials.empty:
         return ["There are no trials."]
+    if verdicts.empty:
+        return [*_headline(trials)]
     summary = verdict.verdict_summary(verdicts)
     met, missed = (int((summary["met"] == answer).sum()) for answer in (verdict.YES, verdict.NO))
     open_ones = len(summary) - met - missed
@@ -161,8 +169,9 @@ def _runs(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     rows = []
     for scenario in ordered(trials["scenario"], "scenario"):
         part = trials[trials["scenario"] == scenario]
+        said = {"in the paper": paper.scenarios.get(scenario, text.NONE)} if paper.scenarios else {}
         rows.append({
-            "scenario": scenario, "in the paper": paper.scenarios.get(scenario, text.NONE),
+            "scenario": scenario, **said,
             "scenes": part["scene"].nunique(), "problems": len(part[["scene", "problem"]].drop_duplicates()),
             "methods": part["method"].nunique(), "adherence methods": part["adherence"].nunique(),
             "n trials": len(part), "solved": int(part["solved"].astype(bool).sum()),
@@ -182,19 +191,26 @@ def _settings(settings: Settings) -> pd.DataFrame:
     )
 
 
-def _equal_sizes(choices: pd.DataFrame, tried: Settings, unit: str) -> pd.DataFrame | str:
-    if choices.empty:
-        return ""
-    return equal_sizes_table(choices, tried, CLASSICAL, OURS, unit)
+def _known(table: pd.DataFrame, paper: Paper) -> pd.DataFrame:
+    """Return a table without the columns of the paper where there is none."""
+    return table if paper.results else table[[name for name in table if not str(name).startswith("paper: ")]]
+
+
+def _equal_sizes(choices: pd.DataFrame, tried: Settings, unit: str) -> list[str | pd.DataFrame]:
+    if choices.empty or not {parts["base"] for parts in tried.values()} >= {CLASSICAL, OURS}:
+        return []
+    return [escape(_SIZES_NOTE), equal_sizes_table(choices, tried, CLASSICAL, OURS, unit)]
 
 
 def _chosen(choices: pd.DataFrame, tried: Settings, settings: Settings) -> list[str]:
-    """Say what the rule chooses for ours and for the baseline, and whether that is what was measured."""
+    """Say what the rule chooses among the variants of each base, and whether that is what was measured."""
     if choices.empty:
         return ["Nothing was tried."]
-    found = [tuned(choices, tried, base, settings, method) for base, method in ((OURS, OURS), (CLASSICAL, TUNED))]
+    measured = {CLASSICAL: TUNED} if TUNED in settings else {}  # the base itself is measured as the paper has it
+    bases = list(dict.fromkeys(str(parts["base"]) for parts in tried.values()))
+    found = [tuned(choices, tried, base, settings, measured.get(base, base)) for base in bases]
     lines = [f"- {escape(choice.sentence)}" for choice in found if choice is not None]
-    return [f"One rule for both, on the same problems: {RULE}", *(["\n".join(lines)] if lines else [])]
+    return [f"One rule for all, on the same problems: {RULE}", *(["\n".join(lines)] if lines else [])]
 
 
 def _headline(trials: pd.DataFrame) -> list[str]:

@@ -1,12 +1,12 @@
 """The tables this room reads: their columns, the order in which groups are shown, paths as arrays."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.errors import ArtifactError
 from pipeline.files import read_json
 
 TRIAL_COLUMNS = (
@@ -125,25 +125,6 @@ def path_array(row: pd.Series) -> np.ndarray:
             f"expected {shape[0]} waypoints times {shape[1]} dimensions"
         )
     return flat.reshape(shape)
-
-
-def check_drawable(environment: str, samples: Mapping[str, np.ndarray]) -> None:
-    """Refuse an environment whose configurations are no points in space: pages draw them on globes.
-
-    Args:
-        environment: its name.
-        samples: of the benchmark, with "<scenario>/start" among them.
-
-    Raises:
-        ConfigError: configurations of another number of variables than three.
-    """
-    found = {len(array) for key, array in samples.items() if key.endswith("/start")}
-    if found != {3}:
-        numbers = " and ".join(map(str, sorted(found))) or "an unknown number of"
-        raise ConfigError(
-            f"environment {environment!r} has configurations of {numbers} variables; the report draws those of 3 only: "
-            "leave it out of environments (its tables are in the artifacts of benchmark and choices)"
-        )
 
 
 def read_curves(folder: Path) -> pd.DataFrame:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field, fields
 
+from pipeline.errors import require
+
 
 @dataclass(frozen=True)
 class PaperResult:
@@ -69,6 +71,13 @@ class Claim:
     length: tuple[float, float] | None = None
     remark: str = ""
 
+    def __post_init__(self) -> None:
+        for name in ("time", "time_range", "length"):
+            for value in getattr(self, name) or ():
+                require(f"results: {name} in {self.said!r}", value, at_least=0)
+        if self.success is not None:
+            require(f"results: success in {self.said!r}", self.success, at_least=0, at_most=1)
+
 
 @dataclass(frozen=True)
 class Paper:
@@ -80,6 +89,7 @@ class Paper:
         unit: of path lengths.
         scenarios: what each scenario is in the paper.
         same: our names of methods that the paper has under another name: its name.
+        faster, shorter: pairs of methods of which the first is expected to plan faster, and to find shorter paths.
         results: what it says.
     """
 
@@ -88,6 +98,8 @@ class Paper:
     unit: str = "m"
     scenarios: dict[str, str] = field(default_factory=dict)
     same: dict[str, str] = field(default_factory=dict)
+    faster: tuple[tuple[str, str], ...] = ()
+    shorter: tuple[tuple[str, str], ...] = ()
     results: tuple[Claim, ...] = ()
 
     @property

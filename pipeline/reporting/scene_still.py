@@ -39,6 +39,7 @@ def draw_path(
     file: Path,
     title: str = "",
     held: Collection[str] = (),
+    plain: bool = False,
 ) -> str:
     """Draw start, goal and what is between, the tool's way and the obstacles; return 'VTK' or 'matplotlib'.
 
@@ -49,6 +50,7 @@ def draw_path(
         file: the PNG to write.
         title: over the picture.
         held: names of bodies that the robot carries, which have colours of their own.
+        plain: draws flat even where VTK could; see also `plain_wanted`.
     """
     still, meshes = _static(robot, path[0]), []
     for share in np.linspace(0, 1, _BETWEENS + 2)[1:-1]:
@@ -70,7 +72,7 @@ def draw_path(
         arrays[f"vertices/{k}"], arrays[f"faces/{k}"] = vertices, faces
     arrays |= {"line/0": way, "ball/0": way[0], "ball/1": way[-1]}
     command = (sys.executable, "-P", str(Path(__file__).with_name("scene_vtk.py")))
-    images = None if plain_wanted() else render(command, arrays, len(views))
+    images = None if plain or plain_wanted() else render(command, arrays, len(views))
     with style():
         figure = new_figure(10, 5.2)
         figure.suptitle(title, fontsize=10)

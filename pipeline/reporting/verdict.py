@@ -7,14 +7,13 @@ import pandas as pd
 
 from pipeline.evaluation import Center, Comparison, Interval, paired_interval, success_interval, summary
 from pipeline.reporting import text
-from pipeline.reporting.frames import LEARNED, OURS, TUNED, both_solved, check_trials, groups, ordered, pair
+from pipeline.reporting.frames import LEARNED, both_solved, check_trials, groups, ordered, pair
 from pipeline.reporting.paper import Paper
 
 SUCCESS = "success at least the paper's"
-TUNED_SPEED = "CoMPNetX-FMT* faster than FMT* tuned alike, by medians"
+FASTER, SHORTER = "{} faster than {}, by medians", "{}'s paths shorter than {}'s"  # named by conf/paper
 SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio, by medians"
 MEAN_SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio, by means as in the paper"
-SHORTER = "CoMPNetX-FMT*'s paths shorter than RRTConnect's"
 
 YES, NO, NO_DATA, NO_NUMBER = "yes", "no", "not measured", "paper gives no number"
 COLUMNS = ("scenario", "expectation", "method", "adherence", "met", "ours", "paper", "remark")
@@ -42,13 +41,13 @@ def verdict_table(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     rows: list[tuple[str, ...]] = []
     for scenario in ordered(trials["scenario"], "scenario"):
         rows += _success(trials, scenario, paper) if paper.results else []
-        for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
-            rows.append(_tuned(trials, scenario, adherence))
+        adherences = ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence")
+        for learned, classical in paper.faster:
+            rows += [_faster(trials, scenario, adherence, learned, classical) for adherence in adherences]
         for expectation, center in ((SPEED, Center.MEDIAN), (MEAN_SPEED, Center.MEAN)) if paper.results else ():
-            for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
-                rows.append(_speed(trials, scenario, adherence, paper, expectation, center))
-        for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
-            rows.append(_shorter(trials, scenario, adherence, paper.unit))
+            rows += [_speed(trials, scenario, adherence, paper, expectation, center) for adherence in adherences]
+        for learned, classical in paper.shorter:
+            rows += [_shorter(trials, scenario, adherence, learned, classical, paper.unit) for adherence in adherences]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -97,19 +96,20 @@ def _speed(
     return (*head, _answer(ours, met), text.interval(ours, "×"), f"{text.fixed(printed, 2)}×", remark)
 
 
-def _tuned(trials: pd.DataFrame, scenario: str, adherence: str) -> tuple[str, ...]:
-    fast, slow, scenes = both_solved(pair(trials, scenario, adherence, OURS, TUNED), "planning_time")
+def _faster(trials: pd.DataFrame, scenario: str, adherence: str, learned: str, classical: str) -> tuple[str, ...]:
+    fast, slow, scenes = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
     ours = paired_interval(slow, fast, scenes, Comparison.RATIO)
-    head = (scenario, TUNED_SPEED, f"{OURS} / {TUNED}", adherence)
+    head = (scenario, FASTER.format(learned, classical), f"{learned} / {classical}", adherence)
     remark = _join([_doubt(ours, 1.0), f"n = {len(fast)}"])
     return (*head, _answer(ours, ours.estimate > 1), text.interval(ours, "×"), "faster", remark)
 
 
-def _shorter(trials: pd.DataFrame, scenario: str, adherence: str, unit: str) -> tuple[str, ...]:
-    learned, classical = f"{LEARNED}FMT*", "RRTConnect"
+def _shorter(
+    trials: pd.DataFrame, scenario: str, adherence: str, learned: str, classical: str, unit: str
+) -> tuple[str, ...]:
     lengths = both_solved(pair(trials, scenario, adherence, learned, classical), "path_length")
     ours = paired_interval(*lengths)
-    head = (scenario, SHORTER, f"{learned} - {classical}", adherence)
+    head = (scenario, SHORTER.format(learned, classical), f"{learned} - {classical}", adherence)
     medians = f" {unit} and ".join(text.number(summary(side).median) for side in lengths[:2])
     remark = _join([_doubt(ours, 0.0), f"medians {medians} {unit}", f"n = {len(lengths[0])}"])
     return (*head, _answer(ours, ours.estimate < 0), text.interval(ours, f" {unit}"), "shorter", remark)

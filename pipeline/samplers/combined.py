@@ -24,6 +24,7 @@ class Then(Sampler):
         require("sampler.calls", calls, at_least=0)
         self.first, self.calls, self.second = first, calls, second
         self._left = calls
+        self._answered: Sampler | None = None
 
     @property
     def batch(self) -> int:  # type: ignore[override]  # of whoever answers
@@ -32,8 +33,8 @@ class Then(Sampler):
 
     @property
     def lands(self) -> bool:  # type: ignore[override]
-        """Whether what the one that answers gives is on the manifold."""
-        return self._answering.lands
+        """Whether what was given last is on the manifold; before that, whether all will be."""
+        return self.first.lands and self.second.lands if self._answered is None else self._answered.lands
 
     @property
     def informed(self) -> bool:  # type: ignore[override]
@@ -47,7 +48,7 @@ class Then(Sampler):
     def begin(self, asked: Asked, rng: np.random.Generator) -> None:
         """Bind both to a problem."""
         super().begin(asked, rng)
-        self._left = self.calls
+        self._left, self._answered = self.calls, None
         self.first.begin(asked, rng)
         self.second.begin(asked, rng)
         self.network_time = self.first.network_time + self.second.network_time
@@ -62,6 +63,7 @@ class Then(Sampler):
 
     def _called(self, draw: Callable[[Sampler], np.ndarray]) -> np.ndarray:
         answering, fallback = self._answering, not self._left
+        self._answered = answering
         self._left = max(self._left - 1, 0)
         found = draw(answering)
         if fallback:

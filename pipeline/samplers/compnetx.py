@@ -26,6 +26,7 @@ class CompnetxParameters:
     from_start: float = 0.0
     from_goal: float = 0.0
     arrive: float = 0.0
+    directions: bool = False
 
     def __post_init__(self) -> None:
         require("sampler.batch", self.batch, at_least=1)
@@ -50,7 +51,8 @@ class CompnetxSampler(Then):
     Args:
         network: the trained network; it keeps the encodings of scenes, so that the first plan in a scene pays for it.
         voxels: grids by scene.
-        parameters: see `Proposals`; `n_ismp` is how many calls the network answers, for which the paper has no number.
+        parameters: see `Proposals`; `n_ismp` is how many calls the network answers, for which the paper has no number;
+            with `directions` the classical sampler gives directions, see `UniformSampler`.
     """
 
     first: "Proposals"
@@ -59,7 +61,7 @@ class CompnetxSampler(Then):
         self, network: CompnetxNetwork, voxels: Mapping[str, np.ndarray], parameters: CompnetxParameters
     ) -> None:
         first = Proposals(network, voxels, parameters)
-        super().__init__(first, parameters.n_ismp, UniformSampler(parameters.batch))
+        super().__init__(first, parameters.n_ismp, UniformSampler(parameters.batch, directions=parameters.directions))
 
 
 class Proposals(Sampler):

@@ -4,13 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.errors import ArtifactError
 from pipeline.reporting.frames import (
     PATH_COLUMNS,
     TRIAL_COLUMNS,
     both_solved,
     check,
-    check_drawable,
     check_trials,
     groups,
     method_pairs,
@@ -89,12 +88,3 @@ def test_paths_are_row_major_and_checked():
 def test_empty_trials_pass():
     """A table with the columns and no rows is an empty benchmark, not an error."""
     check_trials(pd.DataFrame(columns=list(TRIAL_COLUMNS)))
-
-
-@pytest.mark.parametrize(("sizes", "said"), [([7], "7"), ([2, 3], "2 and 3"), ([], "an unknown number of")])
-def test_only_points_in_space_are_drawn(sizes, said):
-    """Configurations of another number of variables than three are refused with that number; three pass."""
-    check_drawable("cube", {"blocks/start": np.zeros(3), "blocks/FMT*": np.zeros((5, 3))})
-    samples = {f"{i}/start": np.zeros(size) for i, size in enumerate(sizes)}
-    with pytest.raises(ConfigError, match=f"environment 'cube' has configurations of {said} variables; .* of 3 only"):
-        check_drawable("cube", samples)

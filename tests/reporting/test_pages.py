@@ -221,10 +221,13 @@ def test_parts_of_a_page_are_replaced_one_by_one(tmp_path):
 def test_without_a_paper_only_measurements_are_expected(tmp_path):
     """A page that no paper is beside has our own expectations only, its own unit, and no word of a paper's numbers."""
     trials = make_trials(12)
-    arms = Paper("Arms", unit="rad")
+    arms = Paper("Arms", unit="rad", faster=(("CoMPNetX-RRTConnect", "RRTConnect"),))
     pictures = environment_figures(trials, CURVES, tmp_path, arms)
     text = environment_page(trials, pictures, PROVENANCE, trials, SETTINGS, TRIED, arms)
-    assert text.startswith("# Arms") and "Of 4 expectations (2 per scenario)" in text
+    assert text.startswith("# Arms") and "Of 2 expectations (1 per scenario)" in text
+    assert "| paper: " not in text and "CoMPNetX-RRTConnect faster than RRTConnect, by medians" in text
+    nothing = environment_page(trials, pictures, PROVENANCE, trials, SETTINGS, TRIED, Paper("Arms"))
+    assert "expectations" not in nothing and "Every comparison" not in nothing
     assert "length, solved only: median [rad]" in text and "median [m]" not in text
     for said in (
         "the paper names no machine",
