@@ -274,7 +274,7 @@ def test_every_environment_has_every_stage():
         for path in (ROOT / "conf").glob("*.yaml")
         for m in re.findall(r"- (\w+): \$\{environment\}", path.read_text())
     }
-    assert chosen == {"oracle", "perception", "recipe", "experiment", "variants"}
+    assert chosen == {"oracle", "perception", "recipe", "experiment", "tried"}
     for group in (*chosen, "paper"):
         assert sorted(path.stem for path in (ROOT / "conf" / group).glob("*.yaml")) == ENVIRONMENTS
     for path in document["metrics"]:
@@ -332,7 +332,7 @@ def edit(copy):
         ("conf/model/compnetx_sphere.yaml", "dropout", {"train-sphere"}),
         ("conf/recipe/sphere.yaml", "spacing", {"train-sphere"}),
         ("conf/oracle/sphere.yaml", "shortcuts", {"demonstrations-sphere"}),
-        ("conf/variants/sphere.yaml", "time_limit", {"choices-sphere"}),
+        ("conf/tried/sphere.yaml", "time_limit", {"choices-sphere"}),
         ("conf/profile/quick.yaml", "epochs", {*of("train"), "report"}),
         ("conf/profile/quick.yaml", "test_pairs", {*of("scenes"), "report"}),
         ("conf/profile/quick.yaml", "recordings", {*of("benchmark"), "report"}),
@@ -400,7 +400,7 @@ def smoke(tmp_path_factory) -> tuple[Path, str]:
         "conf/planner/fmt_algorithm6.yaml": {"samples": 60},
         "conf/benchmark.yaml": {"cloud": 20},
         "conf/experiment/sphere.yaml": {"time_limit": 1.0},
-        "conf/variants/sphere.yaml": {"time_limit": 0.1},
+        "conf/tried/sphere.yaml": {"time_limit": 0.1},
         "conf/scenes.yaml": {"workers": 1},
         "conf/demonstrations.yaml": {"workers": 1},
         "conf/report.yaml": {"plain_stills": "true"},

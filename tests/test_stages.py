@@ -231,7 +231,7 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("benchmark", f"scribble {MODEL}", ["ArtifactError", MODEL, "truncated or foreign"]),
         ("benchmark", f"resize {VOXELS}", ["ArtifactError: voxels of scene", "are (13, 13, 13)", "(11, 11, 11)"]),
         ("choices", f"remove {MODEL}", ["ArtifactError", MODEL, "does not exist"]),
-        ("report", "", ["ArtifactError", "benchmark/sphere/samples.npz", MISSING]),
+        ("report", "", ["ArtifactError", "benchmark/sphere/trials.parquet", MISSING]),
     ],
 )  # fmt: skip
 def test_bad_input_ends_in_one_line(run, chain, tmp_path, stage, broken, said):

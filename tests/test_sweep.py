@@ -129,7 +129,7 @@ def test_single_run_keeps_no_row(tmp_path, job):
     assert list(tmp_path.iterdir()) == []
 
 
-STAGES = sorted(path.stem for path in (ROOT / "stages").glob("*.py"))
+STAGES = sorted(path.stem for path in (ROOT / "stages").glob("*.py") if path.stem != "dag")  # which takes no settings
 
 
 @pytest.mark.parametrize("stage", STAGES)

@@ -37,7 +37,7 @@ def variants(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[st
         ConfigError: no variant, an unknown base, a parameter that the base does not name, or the same variant twice.
     """
     if not changed:
-        raise ConfigError("variants is empty; name at least one base, as in conf/variants")
+        raise ConfigError("variants is empty; name at least one base, as in conf/tried")
     found: dict[str, Method] = {}
     for variant in changed:
         if variant.base not in bases:
