@@ -10,10 +10,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS
-from pipeline.environments.oracle import shards
 from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
+from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.trials import Experiment, benchmark_metrics, method_settings, run_trials, sample_clouds
 from pipeline.files import read_arrays, write_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
@@ -22,7 +21,7 @@ from pipeline.parallel import single_threaded, timed_shards
 from pipeline.profile import Profile
 from pipeline.recording.trials import record_trials
 from pipeline.samplers.choices import Learned
-from pipeline.schema import Choice
+from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
 
@@ -30,7 +29,7 @@ from pipeline.stage import SCRATCH, destination, folder, guarded
 @dataclass(frozen=True)
 class Config:
     profile: Profile
-    environment: Choice
+    environment: EnvironmentChoice
     experiment: Experiment
     cloud: int
     shard: int
@@ -46,7 +45,6 @@ def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     profile, name, scale = config.profile.name, config.environment.name, config.profile.benchmark
     target = destination(profile, "benchmark", name)
-    environment = config.environment.make(ENVIRONMENTS, "environment")
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained, scenes = folder(profile, "train", name) / "model.pt", read_scenes(source)
     every = read_tasks(source, scenes)
@@ -56,7 +54,7 @@ def main(cfg: DictConfig) -> None:
     files = [source / SCENES, source / TASKS, voxels, trained]
     chosen = [scale.problems_per_scene, scale.others, config.shard, asdict(config.environment)]
     key = digest(*files, chosen, asdict(config.experiment), code_digest(Path(__file__)))
-    work = partial(run_trials, config.experiment, environment, scenes, learned)
+    work = partial(run_trials, config.experiment, config.environment, scenes, learned)
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "benchmark" / key
     path_columns = ["path", "waypoints", "dimension"]
     with (
@@ -68,7 +66,7 @@ def main(cfg: DictConfig) -> None:
         write_table(trials.drop(columns=path_columns), out / "trials.parquet", "trials")
         columns = ["scenario", "scene", "problem", "method", "adherence", *path_columns]
         write_table(trials.loc[trials.solved, columns], out / "solutions.parquet", "solutions")
-        clouds = sample_clouds(config.experiment, environment, scenes, learned, problems, config.cloud)
+        clouds = sample_clouds(config.experiment, config.environment, scenes, learned, problems, config.cloud)
         write_arrays(clouds, out / "samples.npz", "samples")
         write_json(measured.provenance, out / "hardware.json", "hardware")
         write_json(method_settings(config.experiment), out / "methods.json", "methods")

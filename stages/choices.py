@@ -11,10 +11,9 @@ from omegaconf import DictConfig
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS
-from pipeline.environments.oracle import shards
 from pipeline.evaluation.choices import Variant, variant_settings, variants
 from pipeline.evaluation.hardware import hardware
+from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
@@ -22,7 +21,8 @@ from pipeline.learning import CompnetxNetwork, load_model
 from pipeline.parallel import timed_shards
 from pipeline.profile import Profile
 from pipeline.samplers.choices import Learned
-from pipeline.schema import Choice, convert
+from pipeline.schema import convert
+from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
 
@@ -30,7 +30,7 @@ from pipeline.stage import SCRATCH, destination, folder, guarded
 @dataclass(frozen=True)
 class Config:
     profile: Profile
-    environment: Choice
+    environment: EnvironmentChoice
     bases: dict[str, Method]
     variants: list[Variant]
     experiment: dict[str, Any]
@@ -47,7 +47,6 @@ def main(cfg: DictConfig) -> None:
     experiment = replace(empty, methods=methods)
     profile, name = config.profile.name, config.environment.name
     target = destination(profile, "choices", name)
-    environment = config.environment.make(ENVIRONMENTS, "environment")
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained = folder(profile, "train", name) / "model.pt"
     scenes = read_scenes(source)
@@ -58,7 +57,7 @@ def main(cfg: DictConfig) -> None:
     files = [source / SCENES, source / TASKS, voxels, trained]
     chosen = [config.profile.choices.problems_per_scene, config.shard, asdict(config.environment)]
     key = digest(*files, chosen, asdict(experiment), code_digest(Path(__file__)))
-    work = partial(run_trials, experiment, environment, scenes, learned)
+    work = partial(run_trials, experiment, config.environment, scenes, learned)
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "choices" / key
     with (
         timed_shards(work, items, scratch, config.workers, "choices", hardware()) as measured,

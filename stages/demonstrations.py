@@ -10,14 +10,13 @@ from omegaconf import DictConfig
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS
-from pipeline.environments.oracle import UNVERIFIED, Oracle, demonstrate, shards
+from pipeline.evaluation.oracle import UNVERIFIED, Oracle, demonstrate, shards
 from pipeline.files import write_json, write_table
 from pipeline.keys import code_digest, digest
 from pipeline.machine import here
 from pipeline.parallel import run_shards, stamped
 from pipeline.profile import Profile
-from pipeline.schema import Choice
+from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import SCENES, TASKS, Split, read_scenes, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
 
@@ -25,7 +24,7 @@ from pipeline.stage import SCRATCH, destination, folder, guarded
 @dataclass(frozen=True)
 class Config:
     profile: Profile
-    environment: Choice
+    environment: EnvironmentChoice
     oracle: Oracle
     shard: int
     workers: int
@@ -36,7 +35,6 @@ class Config:
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     target = destination(config.profile.name, "demonstrations", config.environment.name)
-    environment = config.environment.make(ENVIRONMENTS, "environment")
     source = folder(config.profile.name, "scenes", config.environment.name)
     scenes = read_scenes(source)
     problems = read_tasks(source, scenes)
@@ -46,7 +44,7 @@ def main(cfg: DictConfig) -> None:
     chosen = [asdict(config.environment), asdict(config.oracle), config.shard]
     key = digest(*files, chosen, code_digest(Path(__file__)))
     frames = run_shards(
-        partial(stamped, partial(demonstrate, config.oracle, environment, scenes), place),
+        partial(stamped, partial(demonstrate, config.oracle, config.environment, scenes), place),
         list(shards(problems, config.shard)),
         SCRATCH / "demonstrations" / key,
         config.workers,

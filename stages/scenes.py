@@ -14,7 +14,7 @@ from pipeline.environments import ENVIRONMENTS, Environment
 from pipeline.keys import code_digest, digest
 from pipeline.parallel import run_shards
 from pipeline.profile import Profile
-from pipeline.schema import Choice
+from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import Scene, write_scenes, write_tasks
 from pipeline.stage import SCRATCH, destination, guarded
 
@@ -22,7 +22,7 @@ from pipeline.stage import SCRATCH, destination, guarded
 @dataclass(frozen=True)
 class Config:
     profile: Profile
-    environment: Choice
+    environment: EnvironmentChoice
     workers: int
 
 
@@ -31,7 +31,7 @@ class Config:
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     target = destination(config.profile.name, "scenes", config.environment.name)
-    environment, scale = config.environment.make(ENVIRONMENTS, "environment"), config.profile.scenes
+    environment, scale = config.environment.environment(ENVIRONMENTS), config.profile.scenes
     scenes = environment.scenes(scale.counts)
     counts = {scene.name: scale.problems(scene) for scene in scenes}
     key = digest(asdict(config.environment), counts, code_digest(Path(__file__)))

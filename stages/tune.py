@@ -7,7 +7,6 @@ import pandas as pd
 from omegaconf import DictConfig
 
 from pipeline.config import load
-from pipeline.environments import ENVIRONMENTS
 from pipeline.evaluation import summary
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays
@@ -44,7 +43,6 @@ def main(cfg: DictConfig) -> None:
         config.trial_seed,
         config.verifier,
     )
-    environment = config.environment.make(ENVIRONMENTS, "environment")
     source = folder(profile, "scenes", name)
     scenes = read_scenes(source)
     problems = read_tasks(source, scenes)
@@ -55,7 +53,7 @@ def main(cfg: DictConfig) -> None:
     learned = Learned(CompnetxNetwork(trained.model), dict(zip(grids["scene"].tolist(), grids["voxels"], strict=True)))
     with single_threaded():
         trials = pd.concat(
-            run_trials(experiment, environment, scenes, learned, rows) for _, rows in problems.groupby("scene")
+            run_trials(experiment, config.environment, scenes, learned, rows) for _, rows in problems.groupby("scene")
         )
     solved = trials[trials.solved]
     times, lengths = summary((1e3 * trials.planning_time).to_numpy(float)), summary(solved.path_length.to_numpy(float))

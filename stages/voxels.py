@@ -11,7 +11,7 @@ from pipeline.config import load
 from pipeline.files import write_arrays
 from pipeline.perception import Perception, scene_voxels
 from pipeline.profile import Profile
-from pipeline.schema import Choice
+from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import read_scenes
 from pipeline.stage import destination, folder, guarded
 
@@ -19,7 +19,7 @@ from pipeline.stage import destination, folder, guarded
 @dataclass(frozen=True)
 class Config:
     profile: Profile
-    environment: Choice
+    environment: EnvironmentChoice
     perception: Perception
 
 

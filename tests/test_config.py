@@ -28,6 +28,7 @@ from pipeline.robots import ROBOTS, Validity, point_robot
 from pipeline.samplers.choices import Learned, make_sampler
 from pipeline.samplers.uniform import UniformParameters
 from pipeline.schema import Choice
+from pipeline.spec.environment import EnvironmentChoice
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 STAGES = sorted(
@@ -70,7 +71,7 @@ def make(where: tuple[str, ...], choice: Choice) -> Any:
     """Make the object a choice stands for as the stages do; its place tells the group."""
     group = next(name for name in reversed(where) if name.rstrip("s") in GROUPS).rstrip("s")
     if group == "environment":
-        return choice.make(ENVIRONMENTS, group)
+        return choice.environment(ENVIRONMENTS)
     if group == "planner":
         return choice.make(PLANNERS, group)
     if group == "sampler":
@@ -159,7 +160,7 @@ def test_every_file_is_read_by_a_stage():
     read = {key.partition("@")[0] for stage in STAGES for key in choices_of(stage)}
     assert read == set(GROUPS) - {"robot", "family"}  # tests/robots makes all robots, which problem files choose too
     for name in files_of("environment"):
-        make(("environment",), load(compose("scenes", [f"environment={name}"]).environment, Choice))
+        make(("environment",), load(compose("scenes", [f"environment={name}"]).environment, EnvironmentChoice))
     for group in ("adherence", "planner", "sampler"):
         for name in files_of(group):
             choice = load(yaml.safe_load((CONF / group / f"{name}.yaml").read_text()), Choice)

@@ -200,11 +200,11 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("scenes", "workers=-1", ["ConfigError: workers is -1; it must be at least 0"]),
         ("demonstrations", "shard=0", ["ConfigError: shard is 0; it must be at least 1"]),
         ("train", "profile.train.epochs=0", ["ConfigError: profile.train.epochs is 0; it must be above 0"]),
-        ("scenes", "environment.parameters.margin=nan", ["ConfigError: environment.margin is nan"]),
+        ("scenes", "environment.margin=nan", ["ConfigError: environment.margin is nan"]),
         ("train", "spacing=nan", ["ConfigError: spacing is nan"]),
         ("voxels", "perception.seed=-1", ["ConfigError: perception.seed is -1"]),
         ("benchmark", "cloud=-5", ["ConfigError: cloud is -5; it must be at least 1"]),
-        ("scenes", "environment.parameters.margin=3", ["ProblemError: scene 'blocks-train-000' has no free space"]),
+        ("scenes", "environment.margin=3", ["ProblemError: scene 'blocks-train-000' has no free space"]),
         ("scenes", "workers=${nowhere}", ["ConfigError", "be resolved", "'nowhere' not found full_key: workers"]),
         ("choices", "variants=[]", ["ConfigError: variants is empty"]),
         ("report", "output=", ["ConfigError: output is the current folder"]),
@@ -268,7 +268,7 @@ def test_unknown_choices_end_in_hydras_words(run, tmp_path, override, said):
 
 def test_started_as_a_user_does(tmp_path):
     """The command that the documentation gives ends in one line and status 1 too."""
-    done = ended(started("scenes", tmp_path, "environment.parameters.margin=3"))
+    done = ended(started("scenes", tmp_path, "environment.margin=3"))
     assert done.status == 1
     assert done.stderr.startswith("ProblemError: scene 'blocks-") and done.stderr.count("\n") == 1, done.stderr
     assert not list(tmp_path.glob("artifacts/**/*.parquet"))
@@ -457,7 +457,7 @@ def test_a_full_place_for_output(tmp_path):
 NOT_FOUND = [
     *("oracle.max_iterations=1", "oracle.planner.parameters.range=0.001", "oracle.adherence.parameters.max_steps=1"),
 ]
-REFUSED = ["environment.parameters.margin=0.3"]  # starts and goals are too near to obstacles
+REFUSED = ["environment.margin=0.3"]  # starts and goals are too near to obstacles
 
 
 @pytest.mark.parametrize(("settings", "status"), [(NOT_FOUND, "limit"), (REFUSED, "refused")])

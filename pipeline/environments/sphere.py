@@ -86,8 +86,7 @@ class SphereEnvironment:
     bands: tuple[Band, ...] = field(default_factory=tuple)
     grid: int = 100_000
     slack: float = 0.003
-
-    self_margin = 0.0  # a point has one body
+    self_margin: float = 0.0
 
     def __post_init__(self) -> None:
         positive = ("radius", "robot_radius", "reach", "tolerance", "block_size", "latitude", "grid")

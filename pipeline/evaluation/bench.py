@@ -7,9 +7,9 @@ import pandas as pd
 import torch
 
 from pipeline.environments import BLOCKS, ENVIRONMENTS
-from pipeline.environments.oracle import Oracle
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lines, scaling_table
+from pipeline.evaluation.oracle import Oracle
 from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_lines, parity_table, planning_table
 from pipeline.learning import Model, Normalisation, load_model
 from pipeline.learning.networks import Compnetx
@@ -17,7 +17,7 @@ from pipeline.learning.recipe import ModelConfig
 from pipeline.parallel import single_threaded
 from pipeline.perception import Perception, scene_voxels
 from pipeline.robots import Robot
-from pipeline.schema import Choice
+from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import Split
 from pipeline.tasks import set_up
 
@@ -34,7 +34,7 @@ class Goals:
 class Bench:
     """See `conf/bench.yaml`."""
 
-    environment: Choice
+    environment: EnvironmentChoice
     perception: Perception
     model: ModelConfig
     trained: Path | None
@@ -77,7 +77,7 @@ class Measured:
 
 def measure(bench: Bench) -> Measured:
     """Measure everything, on validation scenes."""
-    environment, contest = bench.environment.make(ENVIRONMENTS, "environment"), bench.contest
+    environment, contest = bench.environment.environment(ENVIRONMENTS), bench.contest
     found = environment.scenes({Split.VALIDATION: bench.scenes})
     scenes = {scene.name: scene for scene in found if scene.scenario == BLOCKS}
     per_scene = -(-max(contest.problems, bench.demonstrations) // len(scenes))

@@ -16,9 +16,8 @@ import numpy as np
 import pandas as pd
 import torch
 
-from pipeline.environments import Environment
-from pipeline.environments.oracle import Oracle, demonstrate, shards
 from pipeline.errors import ConfigError, require
+from pipeline.evaluation.oracle import Oracle, demonstrate, shards
 from pipeline.evaluation.statistics import summary
 from pipeline.learning import CompnetxNetwork, Model, Products
 from pipeline.learning.dropout import draw_masks
@@ -30,6 +29,7 @@ from pipeline.robots import Validity
 from pipeline.samplers import UniformSampler
 from pipeline.samplers.choices import check_sampler
 from pipeline.schema import Choice
+from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene
 from pipeline.tasks import Setup, set_up
 from pipeline.verification.judge import Judge
@@ -90,7 +90,7 @@ class Workplace:
         seed: of plans and arguments.
     """
 
-    environment: Environment
+    environment: Margins
     scenes: Mapping[str, Scene]
     problems: pd.DataFrame
     adherences: Mapping[str, Choice]
@@ -142,7 +142,7 @@ def parts_table(place: Workplace, model: Model, voxels: np.ndarray) -> pd.DataFr
 
 def scaling_table(
     oracle: Oracle,
-    environment: Environment,
+    environment: Margins,
     scenes: dict[str, Scene],
     problems: pd.DataFrame,
     shard: int,

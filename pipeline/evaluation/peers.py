@@ -20,7 +20,6 @@ import numpy as np
 import pandas as pd
 
 from pipeline.constraints import Constraint
-from pipeline.environments import Environment
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.clusters import paired_interval, success_interval
 from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
@@ -31,6 +30,7 @@ from pipeline.robots import Validity
 from pipeline.samplers import Sampler, UniformSampler
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
+from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene
 from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
@@ -152,7 +152,7 @@ class ChartSampler(UniformSampler):
 
 
 def contest_trials(
-    contest: Contest, environment: Environment, scenes: Mapping[str, Scene], problems: pd.DataFrame
+    contest: Contest, environment: Margins, scenes: Mapping[str, Scene], problems: pd.DataFrame
 ) -> pd.DataFrame:
     """Plan the problems with all planners, adherences, routes and spacings; one row per plan, in this order.
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.environments import Environment
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
 from pipeline.samplers import Asked, Sampler, Then
 from pipeline.samplers.choices import Learned, check_sampler, make_sampler
 from pipeline.schema import Choice
+from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene, flatten
 from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
@@ -61,7 +61,7 @@ class Experiment:
 
 def run_trials(
     experiment: Experiment,
-    environment: Environment,
+    environment: Margins,
     scenes: dict[str, Scene],
     learned: Learned | None,
     problems: pd.DataFrame,
@@ -106,7 +106,7 @@ def run_trials(
 
 def _trials(
     experiment: Experiment,
-    environment: Environment,
+    environment: Margins,
     scene: Scene,
     method: Method,
     planner: Planner,
@@ -148,7 +148,7 @@ def _trials(
         yield {**row, **flatten(result.path)}
 
 
-def _space(environment: Environment, scene: Scene, choice: Choice) -> Adherence:
+def _space(environment: Margins, scene: Scene, choice: Choice) -> Adherence:
     setup = set_up(scene.statement)
     return make_adherence(choice, setup.constraint, setup.validity(environment.margin, environment.self_margin))
 
@@ -177,7 +177,7 @@ def method_settings(experiment: Experiment) -> dict[str, dict[str, dict[str, Any
 
 def sample_clouds(
     experiment: Experiment,
-    environment: Environment,
+    environment: Margins,
     scenes: dict[str, Scene],
     learned: Learned,
     problems: pd.DataFrame,

@@ -11,7 +11,7 @@ from pipeline.learning.networks import NetworkParameters
 from pipeline.learning.pairs import demonstration_pairs, split_by_scene
 from pipeline.learning.training import Trained, TrainParameters, train
 from pipeline.profile import Profile
-from pipeline.schema import Choice
+from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import Split, read_scenes
 from pipeline.tasks import set_up
 
@@ -29,7 +29,7 @@ class Recipe:
     """See `conf/train.yaml` and `conf/recipe/`."""
 
     profile: Profile
-    environment: Choice
+    environment: EnvironmentChoice
     model: ModelConfig
     spacing: float
     reverse: bool

@@ -8,16 +8,15 @@ import pytest
 from omegaconf import OmegaConf
 
 from pipeline.config import ROOT, compose, load
-from pipeline.environments import ENVIRONMENTS
 from pipeline.evaluation.families import Setting
 from pipeline.robots import Obstacle, Shape
-from pipeline.schema import Choice
 from pipeline.spec.scene import Split
 from pipeline.tasks import Task, build, set_up
 from pipeline.verification.judge import Judge
 from pipeline.verification.reader import read
 from pipeline.verification.rows import Rows
 from pipeline.verification.verdict import Failure, VerifierParameters
+from tests.environments.published import published
 from tests.robots.worlds import on_sphere
 
 FAMILIES = sorted(path.stem for path in Path(ROOT, "conf", "family").glob("*.yaml"))
@@ -89,8 +88,7 @@ def test_body_in_the_way(name):
 
 def test_sphere_environment():
     """Among blocks on the sphere, single points pass where planning's checker without margin has them free."""
-    choice = load(OmegaConf.to_container(compose("scenes").environment), Choice)
-    environment = Choice(choice.kind, {**choice.parameters, "blocks": 100, "grid": 3000}).make(ENVIRONMENTS, "e")
+    environment = published("sphere", blocks=100, grid=3000)
     for scene in environment.scenes({Split.TRAIN: 1}):
         judge = Judge(scene.statement)
         setup = set_up(scene.statement)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from pipeline.config import compose, load
-from pipeline.environments import ENVIRONMENTS, FamilyEnvironment
+from pipeline.environments import FamilyEnvironment
 from pipeline.errors import ConfigError
-from pipeline.schema import Choice
 from pipeline.spec.codec import encode
 from pipeline.spec.scene import Split
 from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
+from tests.environments.published import published
 
 FEW = {Split.TRAIN: 2, Split.VALIDATION: 1, Split.TEST: 1}
 MORE = {Split.TRAIN: 3, Split.VALIDATION: 2, Split.TEST: 1}
@@ -18,8 +17,7 @@ MORE = {Split.TRAIN: 3, Split.VALIDATION: 2, Split.TEST: 1}
 
 @pytest.fixture(scope="module")
 def environment() -> FamilyEnvironment:
-    choice = load(compose("scenes", ["environment=transport_panda"]).environment, Choice)
-    return choice.make(ENVIRONMENTS, "environment")
+    return published("transport_panda")
 
 
 def test_scenes_do_not_depend_on_how_many(environment):

@@ -2,25 +2,22 @@
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.stats import chisquare, kstest
 
-from pipeline.config import compose, load
 from pipeline.environments import (
     BANDS,
     BLOCKS,
-    ENVIRONMENTS,
     Band,
     SphereEnvironment,
     fibonacci_sphere,
 )
 from pipeline.errors import ConfigError, ProblemError
-from pipeline.schema import Choice
 from pipeline.spec.scene import Scene, Split
 from pipeline.tasks import set_up
+from tests.environments import published as environments
 from tests.robots.worlds import on_sphere, signed_distance
 
 COUNTS = {Split.TRAIN: 2, Split.VALIDATION: 1, Split.TEST: 1}
@@ -28,8 +25,7 @@ COUNTS = {Split.TRAIN: 2, Split.VALIDATION: 1, Split.TEST: 1}
 
 def published(**changes) -> SphereEnvironment:
     """The environment of conf/environment/sphere.yaml, with changes."""
-    choice = load(OmegaConf.to_container(compose("scenes").environment), Choice)
-    return Choice(choice.kind, {**choice.parameters, **changes}).make(ENVIRONMENTS, "environment")
+    return environments.published("sphere", **changes)
 
 
 def distance(scene: Scene, points: np.ndarray) -> np.ndarray:

@@ -4,20 +4,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.config import compose, load
-from pipeline.environments import ENVIRONMENTS
 from pipeline.errors import ArtifactError
 from pipeline.reporting import robot_stills
-from pipeline.schema import Choice
 from pipeline.spec.scene import Split, flatten
+from tests.environments.published import published
 from tests.reporting.synthetic import make_trials
 
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory):
     """A scene of a Panda, trials of it, its paths, and what was drawn."""
-    choice = load(compose("scenes", ["environment=transport_panda"]).environment, Choice)
-    environment = choice.make(ENVIRONMENTS, "environment")
+    environment = published("transport_panda")
     (scene,) = environment.scenes({Split.TEST: 1})
     trials = make_trials(3, ("transport",), ("CoMPNetX-RRTConnect", "RRTConnect"), ("projection",))
     trials = trials.assign(scene=scene.name, solved=True, path_length=[1.0, 2.0, 3.0] * 2)

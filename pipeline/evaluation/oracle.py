@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.environments.base import Environment
 from pipeline.errors import PipelineError, require
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS, Planner, Problem, Termination, path_length, shortcut
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
+from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene, flatten
 from pipeline.tasks import set_up
 from pipeline.verification.judge import Judge
@@ -50,9 +50,7 @@ def shards(problems: pd.DataFrame, size: int) -> Iterator[tuple[str, pd.DataFram
             yield f"{scene}-{first:05d}", rows.iloc[first : first + size]
 
 
-def demonstrate(
-    oracle: Oracle, environment: Environment, scenes: dict[str, Scene], problems: pd.DataFrame
-) -> pd.DataFrame:
+def demonstrate(oracle: Oracle, environment: Margins, scenes: dict[str, Scene], problems: pd.DataFrame) -> pd.DataFrame:
     """Plan the problems of one scene and verify the paths; one row each, failures included with an empty path.
 
     A path that the verifier refuses is no demonstration: its status is `unverified`, its message the verifier's.

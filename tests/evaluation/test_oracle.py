@@ -6,24 +6,23 @@ import pytest
 from omegaconf import OmegaConf
 
 from pipeline.config import compose, load
-from pipeline.environments import ENVIRONMENTS, SphereEnvironment
-from pipeline.environments.oracle import UNVERIFIED, Oracle, demonstrate, shards
+from pipeline.environments import SphereEnvironment
 from pipeline.errors import ConfigError
+from pipeline.evaluation.oracle import UNVERIFIED, Oracle, demonstrate, shards
 from pipeline.robots import Validity
-from pipeline.schema import Choice
 from pipeline.spec.scene import Scene, Split, unflatten
 from pipeline.verification.judge import Judge
+from tests.environments import published as environments
 
 
 def published(**changes) -> Oracle:
-    """The oracle of conf/demonstrations.yaml, with changes."""
+    """The oracle of conf/oracle/sphere.yaml, with changes."""
     return load({**OmegaConf.to_container(compose("demonstrations").oracle), **changes}, Oracle)
 
 
 @pytest.fixture(scope="module")
 def environment() -> SphereEnvironment:
-    choice = load(OmegaConf.to_container(compose("scenes").environment), Choice)
-    return Choice(choice.kind, {**choice.parameters, "blocks": 200, "grid": 5000}).make(ENVIRONMENTS, "environment")
+    return environments.published("sphere", blocks=200, grid=5000)
 
 
 @pytest.fixture(scope="module")
