@@ -1,4 +1,4 @@
-"""Scene and problem generators, one module per environment of the papers; demonstrations in `oracle`."""
+"""Scene and problem generators: the sphere of the papers, and families of tasks."""
 
 from pipeline.environments.base import Environment
 from pipeline.environments.of_family import FamilyEnvironment
