@@ -136,7 +136,8 @@ def check_ordinary(path: Path) -> None:
         raise OSError(errno.EINVAL, "it is a folder, device, pipe or socket", str(path))
 
 
-Stamp = tuple[str, int, int]  # of a file: its path, when it was changed [ns], its size
+# A file's path, when it was changed [ns] and its size tell whether it is still the one that was read.
+Stamp = tuple[str, int, int]
 
 
 def stamps(files: Iterable[str | Path]) -> tuple[Stamp, ...]:

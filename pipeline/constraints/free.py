@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from pipeline.constraints.base import Constraint, Projection
+from pipeline.errors import ConstraintError
 from pipeline.robots import Numbers
 
 _BLOCK = 64  # configurations per batch; there is nothing to compute
@@ -72,4 +73,4 @@ class Unconstrained(Constraint):
 
     def compiled(self, *arguments: Any, **keywords: Any) -> Any:
         """Refuse: adherence methods are for constraints, free space has one of its own."""
-        raise NotImplementedError("there is no function of no constraint")
+        raise ConstraintError("free space has no constraint, of which a function could be compiled")

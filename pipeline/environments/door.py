@@ -62,7 +62,8 @@ class DoorOpening(Family):
 
 def _ends(opened: float, setup: Setup, rng: np.random.Generator) -> Pair | None:
     """Return a configuration with the door shut, and where the arm gets from there by opening it [rad]."""
-    robot, validity, yaw = setup.robot, setup.validity(NEAR, NEAR_ITSELF), setup.held.arm.dimension  # of the hinge
+    robot, validity = setup.robot, setup.validity(NEAR, NEAR_ITSELF)
+    yaw = setup.held.arm.dimension  # The hinge's angle is the first variable after those of the arm.
     shut, *wider = (
         InverseKinematics(robot, setup.constraint, with_values([(yaw, share * opened)]))
         for share in np.linspace(0.0, 1.0, _STEPS + 1)

@@ -4,7 +4,7 @@ from pipeline.reporting.environment_page import environment_page, environment_su
 from pipeline.reporting.figures import length_boxes, save, solved_over_time, success_bars, time_boxes, training_curves
 from pipeline.reporting.globe import Globe
 from pipeline.reporting.markdown import Illustration, Provenance, Section, index, page, write
-from pipeline.reporting.paper import Claim, Paper, PaperResult
+from pipeline.reporting.paper import Paper, PaperResult
 from pipeline.reporting.scene_pictures import path_pictures, robot_stills
 from pipeline.reporting.sphere_pictures import Sampled, environment_figures, sphere_stills
 from pipeline.reporting.stills import Stills
@@ -12,7 +12,6 @@ from pipeline.reporting.tables import paired_table, rejection_table, results_tab
 from pipeline.reporting.verdict import verdict_summary, verdict_table
 
 __all__ = [
-    "Claim",
     "Globe",
     "Illustration",
     "Paper",

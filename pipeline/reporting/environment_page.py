@@ -313,7 +313,9 @@ def _rejected(trials: pd.DataFrame) -> str:
 
 def _sources(paper: Paper) -> pd.DataFrame:
     rows = [
-        (r.scenario, r.method, r.adherence, r.time_text, r.success_text, r.length_text, r.source) for r in paper.rows
+        (r.scenario, r.method, adherence, r.time_text, r.success_text, r.length_text, r.said)
+        for r in paper.results
+        for adherence in r.adherences
     ]
     names = ["scenario", "method", "adherence", "time [s]", "success", "length", f"{paper.source}, section: sentence"]
     return pd.DataFrame(rows, columns=names)

@@ -1,35 +1,43 @@
 """What a paper reports about an environment, as data: its numbers stand in conf/paper and nowhere else."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 from pipeline.errors import require
 
 
 @dataclass(frozen=True)
 class PaperResult:
-    """One method with one adherence in one scenario, as printed. None where the paper gives no number.
+    """One method in one scenario, as printed. None where the paper gives no number.
 
     Attributes:
-        scenario, method, adherence: as in the trials.
+        scenario, method: as in the trials.
+        adherences: adherence methods that the paper gives this one number for.
+        said: section and sentence.
         time: planning time, mean and deviation [s].
         time_range: planning time where the paper gives a range only [s].
         success: fraction solved.
         success_exceeds: the paper says 'over', not 'around'.
-        length: path length on the unit sphere, mean and deviation.
+        length: path length, mean and deviation.
         remark: what the paper says about the path length in words where it gives no number.
-        source: section and sentence.
     """
 
     scenario: str
     method: str
-    adherence: str
+    adherences: tuple[str, ...]
+    said: str = ""
     time: tuple[float, float] | None = None
     time_range: tuple[float, float] | None = None
     success: float | None = None
     success_exceeds: bool = False
     length: tuple[float, float] | None = None
     remark: str = ""
-    source: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("time", "time_range", "length"):
+            for value in getattr(self, name) or ():
+                require(f"results: {name} in {self.said!r}", value, at_least=0)
+        if self.success is not None:
+            require(f"results: success in {self.said!r}", self.success, at_least=0, at_most=1)
 
     @property
     def time_text(self) -> str:
@@ -49,34 +57,6 @@ class PaperResult:
     def length_text(self) -> str:
         """The path length as the paper prints it, or its words; empty when it gives neither."""
         return self.remark if self.length is None else f"{self.length[0]:g} ± {self.length[1]:g}"
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One result as a file writes it; see `PaperResult`.
-
-    Attributes:
-        adherences: methods that the paper gives this one number for.
-        said: section and sentence.
-    """
-
-    scenario: str
-    method: str
-    adherences: tuple[str, ...]
-    said: str
-    time: tuple[float, float] | None = None
-    time_range: tuple[float, float] | None = None
-    success: float | None = None
-    success_exceeds: bool = False
-    length: tuple[float, float] | None = None
-    remark: str = ""
-
-    def __post_init__(self) -> None:
-        for name in ("time", "time_range", "length"):
-            for value in getattr(self, name) or ():
-                require(f"results: {name} in {self.said!r}", value, at_least=0)
-        if self.success is not None:
-            require(f"results: success in {self.said!r}", self.success, at_least=0, at_most=1)
 
 
 @dataclass(frozen=True)
@@ -100,22 +80,15 @@ class Paper:
     same: dict[str, str] = field(default_factory=dict)
     faster: tuple[tuple[str, str], ...] = ()
     shorter: tuple[tuple[str, str], ...] = ()
-    results: tuple[Claim, ...] = ()
-
-    @property
-    def rows(self) -> list[PaperResult]:
-        """The results, one for each adherence method."""
-        kept = {f.name for f in fields(Claim)} - {"adherences", "said"}
-        return [
-            PaperResult(adherence=adherence, source=claim.said, **{name: getattr(claim, name) for name in kept})
-            for claim in self.results
-            for adherence in claim.adherences
-        ]
+    results: tuple[PaperResult, ...] = ()
 
     def find(self, scenario: str, method: str, adherence: str) -> PaperResult | None:
         """Return the paper's result of a method, or None where the paper says nothing about it."""
-        wanted = (scenario, self.same.get(method, method), adherence)
-        return next((r for r in self.rows if (r.scenario, r.method, r.adherence) == wanted), None)
+        theirs = self.same.get(method, method)
+        for result in self.results:
+            if (result.scenario, result.method) == (scenario, theirs) and adherence in result.adherences:
+                return result
+        return None
 
     def speed_up(self, scenario: str, adherence: str, learned: str, classical: str) -> float | None:
         """Return the paper's ratio of mean times, classical over learned, or None where it gives no two means."""

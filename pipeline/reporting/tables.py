@@ -63,7 +63,7 @@ def results_table(trials: pd.DataFrame, paper: Paper) -> dict[str, pd.DataFrame]
     for scenario in ordered(trials["scenario"], "scenario"):
         rows = []
         for method, adherence, group in groups(trials, scenario):
-            said = paper.find(scenario, method, adherence) or PaperResult(scenario, method, adherence)
+            said = paper.find(scenario, method, adherence) or PaperResult(scenario, method, (adherence,))
             cells: dict[str, object] = {"method": method, "adherence": adherence}
             rows.append(cells | _outcome(group, said, paper.unit) | _effort(group))
         columns = list(dict.fromkeys((*OUTCOME, *TIME, *length_columns(paper.unit), *EFFORT)))

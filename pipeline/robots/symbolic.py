@@ -10,7 +10,7 @@ import pinocchio as pin
 from pipeline.errors import RobotError
 
 _AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
-DECIMALS = 14  # of fixed poses, as rotation matrices and metres
+DECIMALS = 14  # Fixed poses are rounded to so many, as rotation matrices and metres.
 _OPPOSITE = 1e-6  # squared sine of an angle 0.001 rad from half a turn
 _SMALL = 1e-24  # under a square root: an angle of 1e-12 rad, so that derivatives exist at 0
 

@@ -27,7 +27,7 @@ class Then(Sampler):
         self._answered: Sampler | None = None
 
     @property
-    def batch(self) -> int:  # type: ignore[override]  # of whoever answers
+    def batch(self) -> int:  # type: ignore[override]  # a property where the base has a value
         """K of the first sampler: planners ask it before they walk."""
         return self.first.batch
 

@@ -41,9 +41,9 @@ def test_then():
         assert not sampler.lands  # not all that it gives will
         marks = []
         for i in range(6):
-            assert sampler.informed == (i < 3) and sampler.batch == 7  # of the one that is asked next
+            assert sampler.informed == (i < 3) and sampler.batch == 7  # both describe the one that is asked next
             marks.append(float((sampler.cover(7) if i % 2 else ask(sampler, 5))[0, 0]))
-            assert sampler.lands == (i < 3)  # of what was given: planners look when they have it
+            assert sampler.lands == (i < 3)  # it describes what was given: planners look when they have it
         assert marks == [1.0] * 3 + [2.0] * 3
         assert (space.counters.samples, space.counters.fallback_samples) == (5 + 7 + 5 + 7 + 5 + 7, 7 + 5 + 7)
         assert sampler.network_time == 6.0
