@@ -13,6 +13,7 @@ from pipeline.config import load
 from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.oracle import shards
+from pipeline.evaluation.runner import PATH
 from pipeline.evaluation.trials import Experiment, benchmark_metrics, method_settings, run_trials, sample_clouds
 from pipeline.files import read_arrays, write_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
@@ -56,20 +57,19 @@ def main(cfg: DictConfig) -> None:
     key = digest(*files, chosen, asdict(config.experiment), code_digest(Path(__file__)))
     work = partial(run_trials, config.experiment, config.environment, scenes, learned)
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "benchmark" / key
-    path_columns = ["path", "waypoints", "dimension"]
     with (
         timed_shards(work, items, scratch, config.workers, "benchmark", hardware()) as measured,
         atomic_folder(target) as out,
         single_threaded(),
     ):
         trials = pd.concat(measured.frames, ignore_index=True)
-        write_table(trials.drop(columns=path_columns), out / "trials.parquet", "trials")
-        columns = ["scenario", "scene", "problem", "method", "adherence", *path_columns]
+        write_table(trials.drop(columns=list(PATH)), out / "trials.parquet", "trials")
+        columns = ["scenario", "scene", "problem", "leg", "method", "adherence", *PATH]
         write_table(trials.loc[trials.solved, columns], out / "solutions.parquet", "solutions")
         clouds = sample_clouds(config.experiment, config.environment, scenes, learned, problems, config.cloud)
         write_arrays(clouds, out / "samples.npz", "samples")
         write_json(measured.provenance, out / "hardware.json", "hardware")
-        write_json(method_settings(config.experiment), out / "methods.json", "methods")
+        write_json(method_settings(config.experiment.methods), out / "methods.json", "methods")
         write_json(benchmark_metrics(trials), out / "metrics.json")
         settings = OmegaConf.to_container(cfg, resolve=True)
         record_trials(trials, problems, scenes, settings, scale.recordings, out / "recordings")

@@ -14,6 +14,7 @@ from pipeline.config import load
 from pipeline.evaluation.choices import Variant, variant_settings, variants
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.oracle import shards
+from pipeline.evaluation.runner import PATH
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
@@ -63,7 +64,7 @@ def main(cfg: DictConfig) -> None:
         timed_shards(work, items, scratch, config.workers, "choices", hardware()) as measured,
         atomic_folder(target) as out,
     ):
-        trials = pd.concat(measured.frames, ignore_index=True).drop(columns=["path", "waypoints", "dimension"])
+        trials = pd.concat(measured.frames, ignore_index=True).drop(columns=list(PATH))
         write_table(trials, out / "trials.parquet", "trials")
         write_json(variant_settings(config.bases, config.variants), out / "methods.json", "variants")
         write_json(measured.provenance, out / "hardware.json", "hardware")

@@ -13,7 +13,7 @@ from pipeline.errors import ConfigError
 from pipeline.files import read_arrays, read_json, read_table
 from pipeline.profile import Profile
 from pipeline.recording.layout import write_layout
-from pipeline.reporting.frames import read_curves
+from pipeline.reporting.frames import in_order, read_curves
 from pipeline.spec.scene import read_scenes
 from pipeline.stage import folder, guarded
 
@@ -49,10 +49,10 @@ def main(cfg: DictConfig) -> None:
 def _page(config: Config, name: str, out: Path) -> reporting.Section:
     """Write the page of an environment and its pictures; return its section of the index."""
     benchmark = folder(config.profile.name, "benchmark", name)
-    trials = read_table(benchmark / "trials.parquet", "trials")
-    solutions = read_table(benchmark / "solutions.parquet", "solutions")
-    samples = read_arrays(benchmark / "samples.npz", "samples")
     settings = read_json(benchmark / "methods.json", "methods")
+    trials = in_order(read_table(benchmark / "trials.parquet", "trials"), settings)
+    solutions = in_order(read_table(benchmark / "solutions.parquet", "solutions"), settings)
+    samples = read_arrays(benchmark / "samples.npz", "samples")
     curves = read_curves(folder(config.profile.name, "train", name))
     scenes = read_scenes(folder(config.profile.name, "scenes", name))
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
@@ -62,11 +62,11 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     figures = out / name  # beside the page, which links to it by this name
     pictures = {
         **reporting.environment_figures(trials, curves, figures, paper),
-        **reporting.path_pictures(trials, solutions, scenes, samples, figures, stills),
+        **reporting.path_pictures(trials, solutions, scenes, samples, figures, stills, paper),
     }
     text = reporting.environment_page(trials, pictures, provenance, choices, settings, tried, paper)
     reporting.write(text, out / f"{name}.md")
-    return reporting.environment_summary(trials, pictures, provenance, paper)
+    return reporting.environment_summary(trials, pictures, provenance, settings, paper)
 
 
 def _provenance(config: Config, name: str) -> reporting.Provenance:

@@ -5,7 +5,6 @@ and by ours: where those differ, contact in ours alone is no fault of the planne
 """
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,19 +12,16 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.families import Ours, Setting
-from pipeline.evaluation.ordinary import OrdinaryConstraint, OrdinaryValidity
-from pipeline.evaluation.roboplan_peer import GEOMETRY, RoboplanParameters, RoboplanPeer, load_roboplan
+from pipeline.evaluation.families import Setting
+from pipeline.evaluation.ompl_route import Ompl, OrdinaryOmpl
+from pipeline.evaluation.roboplan_peer import Roboplan, RoboplanParameters, load_roboplan
+from pipeline.evaluation.routes import Manifold, Names, Role, Route
+from pipeline.evaluation.runner import Runner
 from pipeline.evaluation.statistics import summary
-from pipeline.manifolds import dense, joined, make_adherence
-from pipeline.planners import Problem, Termination
+from pipeline.planners import Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
-from pipeline.robots import Geometry
-from pipeline.schema import Choice
-from pipeline.tasks import Task, build
 
 log = logging.getLogger(__name__)
-UNPROVEN = "without proof"
 ORDINARY, OMPL_OURS, ROBOPLAN = "OMPL, ordinary", "OMPL, our constraint and checker", "roboplan"
 ROBOPLAN_PLANS = ("transport", "tray")  # it has neither chains nor feet on the ground nor pictures
 TABLE = (
@@ -33,9 +29,8 @@ TABLE = (
     "time median [ms]", "time mean [ms]", "time p95 [ms]", "worst violation", "length median", "checks median",
     "projections median", "chords proven", "chords sampled",
 )  # fmt: skip
-_LEAST = {ORDINARY: 20.0, ROBOPLAN: 2.0}  # by how much ours is to be faster
+_LEAST = {ORDINARY: (20.0, 1.0), ROBOPLAN: (2.0, 2.0)}  # by how much ours is to be faster, at the median and at p95
 _SHARD = 10  # tasks: what a killed run may lose
-_DENSE = 0.02  # spacing at which waypoints of peers are joined on the manifold before they are verified [rad]
 
 
 @dataclass(frozen=True)
@@ -110,188 +105,100 @@ def installed(contest: ArmContest) -> ArmContest:
 
 
 def arm_shard(contest: ArmContest, item: Part) -> pd.DataFrame:
-    """Plan a part of the contest by all routes; return a row per trial.
+    """Plan a part of the contest by all routes; return the runner's rows.
 
-    Columns: tried (whether it is one of what was tried), family, route, task, time [s], claimed, verified and reason by
-    our geometry, verified_own and reason_own by the one it was planned with, length, violation, proven and sampled
-    (chords, by the geometry it was planned with), checks, projections.
+    A column more, `tried`, tells whether it is one of what was tried.
     """
     setting = contest.families[item.family]
     routes = _tried_routes(contest, setting) if item.tried else _routes(contest, setting)
-    family, seed = setting.family(), contest.tried_seed if item.tried else contest.seed
-    rows: list[dict[str, Any]] = []
-    for number in item.tasks:
-        task = build(family.task(seed, number).leg)
-        for name, route in routes.items():
-            if route.most is None or number < route.most:
-                names = {"tried": item.tried, "family": item.family, "route": name, "task": number}
-                rows.append({**names, **_trial(setting, route, task, seed)})
-    return pd.DataFrame(rows)
+    runner = Runner(Termination(time_limit=setting.time_limit), setting.verifier)
+    seed = contest.tried_seed if item.tried else contest.seed
+    return pd.DataFrame([
+        {"tried": item.tried, **runner.row(route, case, seed)}
+        for case in setting.cases(item.family, seed, item.tasks)
+        for route, most in routes
+        if case.problem < most
+    ])  # fmt: skip
 
 
-def _with(choice: Choice, changes: dict[str, Any]) -> Choice:
-    return replace(choice, parameters={**choice.parameters, **changes})
-
-
-_Plan = Callable[[Task, int], tuple[float, np.ndarray | None, dict[str, int]]]
-
-
-@dataclass(frozen=True)
-class _Route:
-    """How a family is planned.
-
-    Attributes:
-        plan: returns the time [s], the path (T, n), None without one, and counts.
-        most: for how many tasks; None for all.
-        geometry: that is planned with; None for that of the task.
-    """
-
-    plan: _Plan
-    most: int | None = None
-    geometry: Geometry | None = None
-
-
-def _routes(contest: ArmContest, setting: Setting) -> dict[str, _Route]:
-    """Return how a family is planned, by name."""
-    first = next(iter(setting.adherences.values()))
-    routes: dict[str, _Route] = {}
-    for name, choice in setting.adherences.items():
-        label = f"ours, {name.replace('_', ' ')}"
-        routes[label] = _Route(_ours(setting, choice))
-        if choice is first and setting.robot is not None:
-            routes[f"{label}, {UNPROVEN}"] = _Route(_ours(setting, _with(choice, {"proof": False})))
-    routes[ORDINARY] = _Route(_ompl(setting, True), setting.peers)
-    routes[OMPL_OURS] = _Route(_ompl(setting, False), setting.peers)
-    if contest.roboplan and setting.kind in ROBOPLAN_PLANS:
-        for name, parameters in contest.roboplan.items():
-            routes[f"{ROBOPLAN}, {name}"] = _Route(_roboplan(setting, parameters), geometry=GEOMETRY)
+def _routes(contest: ArmContest, setting: Setting) -> list[tuple[Route, float]]:
+    """Return how a family is planned, and for how many tasks each; ours by the first adherence method comes first."""
+    (first, choice), routes = next(iter(setting.adherences.items())), list[tuple[Route, float]]()
+    for key in setting.adherences:
+        label = f"ours, {key.replace('_', ' ')}"
+        routes.append((setting.ours(key, label), np.inf))
+        if key == first and setting.robot is not None:
+            bare = setting.changed(adherence={"proof": False})
+            routes.append((bare.ours(key, f"{label}, without proof", Role.UNPROVEN), np.inf))
+    manifold = Manifold(choice)
+    for label, route in ((ORDINARY, OrdinaryOmpl), (OMPL_OURS, Ompl)):
+        parameters = OmplParameters(delta=setting.ompl_delta, project_override=route is Ompl)
+        planner = OmplPlanner("RRTConnect", "projection", parameters)
+        names = Names(label, label, "", "projection", Role.PEER)
+        routes.append((route(names, manifold, planner), setting.peers))
+    description = setting.description()
+    if contest.roboplan and description is not None and setting.kind in ROBOPLAN_PLANS:
+        for name, options in contest.roboplan.items():
+            names = Names(f"{ROBOPLAN}, {name}", ROBOPLAN, "", "projection", Role.PEER)
+            routes.append((Roboplan(names, manifold, description, options), np.inf))
     return routes
 
 
-def _tried_routes(contest: ArmContest, setting: Setting) -> dict[str, _Route]:
-    """Return ours and its variants, by name."""
-    adherence = next(iter(setting.adherences.values()))
-    routes = {"as chosen": _Route(_ours(setting, adherence))}
-    for name, variant in contest.tried.items():
-        changed = replace(
-            setting,
-            planner=_with(setting.planner, variant.planner),
-            sampler=_with(setting.sampler, variant.sampler),
-        )
-        routes[name] = _Route(_ours(changed, _with(adherence, variant.adherence)))
-    return routes
+def _tried_routes(contest: ArmContest, setting: Setting) -> list[tuple[Route, float]]:
+    """Return ours and its variants, for all tasks."""
+    variants = {"as chosen": Variant(), **contest.tried}
+    key = next(iter(setting.adherences))
+    return [(setting.changed(**vars(variant)).ours(key, label), np.inf) for label, variant in variants.items()]
 
 
 def arm_table(trials: pd.DataFrame) -> pd.DataFrame:
     """Return the columns TABLE; times are of all trials, failures included, lengths of paths verified by their own."""
     rows = []
-    for (family, route), group in trials.groupby(["family", "route"], sort=False):
-        times = summary(1e3 * group["time"].to_numpy())
-        passed = group[group["verified_own"]]
-        shares = [100 * group[column].mean() for column in ("claimed", "verified_own", "verified")]
+    for (family, route), group in trials.groupby(["environment", "method"], sort=False):
+        times = summary(1e3 * group["planning_time"].to_numpy())
+        passed = group[group["solved_own"]]
+        shares = [100 * group[column].mean() for column in ("claimed", "solved_own", "solved")]
         rows.append((
-            family, route, len(group), *shares, times.median, times.mean, times.p95, group["violation"].max(),
-            passed["length"].median(), group["checks"].median(), group["projections"].median(),
-            int(passed["proven"].sum()), int(passed["sampled"].sum()),
+            family, route, len(group), *shares, times.median, times.mean, times.p95, group["max_violation"].max(),
+            passed["path_length"].median(), group["collision_checks"].median(), group["projections"].median(),
+            int(passed["chords_proven"].sum()), int(passed["chords_sampled"].sum()),
         ))  # fmt: skip
     return pd.DataFrame(rows, columns=list(TABLE))
 
 
-def _trial(setting: Setting, route: _Route, task: Task, seed: int) -> dict[str, Any]:
-    seconds, path, counts = route.plan(task, seed)
-    found: dict[str, Any] = {"time": seconds, "claimed": path is not None, "length": np.nan, "violation": np.nan}
-    found |= {"verified": False, "reason": "", "verified_own": False, "reason_own": "", "proven": 0, "sampled": 0}
-    found |= {"checks": counts.get("collision_checks", np.nan), "projections": counts.get("projections", np.nan)}
-    if path is not None:
-        verdict = own = setting.verdict(task, path)
-        if route.geometry is not None:
-            own = setting.verdict(task, path, route.geometry)
-        for suffix, judged in (("", verdict), ("_own", own)):
-            reason = judged.failure.value if judged.failure else ""
-            found |= {f"verified{suffix}": judged.passed, f"reason{suffix}": reason}
-        found |= {"length": verdict.length, "violation": verdict.max_violation}
-        found |= {"proven": own.chords_proven, "sampled": own.chords_sampled}
-    return found
-
-
-def _ours(setting: Setting, adherence: Choice) -> _Plan:
-    ours = Ours(setting, adherence)
-
-    def plan(task: Task, seed: int) -> tuple[float, np.ndarray | None, dict[str, int]]:
-        result = ours.plan(task, Termination(time_limit=setting.time_limit), seed)
-        return result.planning_time, result.path if result.solved else None, result.row()
-
-    return plan
-
-
-def _ompl(setting: Setting, ordinary: bool) -> _Plan:
-    adherence = next(iter(setting.adherences.values()))
-
-    def plan(task: Task, seed: int) -> tuple[float, np.ndarray | None, dict[str, int]]:
-        space = make_adherence(adherence, task.constraint, task.validity())
-        stand_in = (OrdinaryConstraint(task), OrdinaryValidity(task)) if ordinary else None
-        parameters = OmplParameters(delta=setting.ompl_delta, project_override=not ordinary)
-        planner = OmplPlanner("RRTConnect", "projection", parameters, stand_in)
-        asked = Problem(space, task.start, task.goal)
-        result = planner.plan(asked, Termination(time_limit=setting.time_limit), seed)
-        counts = result.row()
-        if ordinary:
-            del counts["collision_checks"]  # those of a checker that was not asked
-        return result.planning_time, joined(space, result.path) if result.solved else None, counts
-
-    return plan
-
-
-def _roboplan(setting: Setting, parameters: RoboplanParameters) -> _Plan:
-    adherence = next(iter(setting.adherences.values()))
-    peer: list[RoboplanPeer] = []  # made with the robot of the first task: its scene takes a second
-
-    def plan(task: Task, seed: int) -> tuple[float, np.ndarray | None, dict[str, int]]:
-        if not peer:
-            description = setting.description()
-            assert description is not None  # mazes have no robot, and roboplan plans none
-            peer.append(RoboplanPeer(description, task.robot, parameters))
-        seconds, path = peer[0].plan(task, setting.time_limit, seed)
-        if path is None:
-            return seconds, None, {}
-        space = make_adherence(adherence, task.constraint, task.validity())
-        return seconds, joined(space, dense(space, path, _DENSE)), {}
-
-    return plan
+def of_role(group: pd.DataFrame, role: Role) -> list[str]:
+    """Return the labels of the routes with a role, in the order in which they were planned."""
+    return list(group.loc[group["role"] == role.value, "method"].unique())
 
 
 def ratio_lines(trials: pd.DataFrame) -> list[str]:
     """Return a sentence per family and peer: how much faster the first of ours is on the same tasks, and unproven."""
     lines = []
-    for family, group in trials.groupby("family", sort=False):
-        ours = next(route for route in group["route"] if route.startswith("ours"))
-        unproven = f"{ours}, {UNPROVEN}"
-        for route in [r for r in group["route"].unique() if not r.startswith("ours")]:
+    for family, group in trials.groupby("environment", sort=False):
+        ours, unproven = of_role(group, Role.OURS)[0], of_role(group, Role.UNPROVEN)
+        for route in of_role(group, Role.PEER):
+            theirs = group[group["method"] == route]
             median, tail, count = _ratios(group, route, ours)
-            least = next((times for name, times in _LEAST.items() if route.startswith(name)), None)
-            met = "" if least is None else f" ({least:g}x: {'' if median >= least and tail >= 1 else 'not '}met)"
-            if least is not None and route.startswith(ROBOPLAN):
-                met = f" ({least:g}x of both: {'' if min(median, tail) >= least else 'not '}met)"
-            if not group[group["route"] == route]["claimed"].any():
+            least, least_tail = _LEAST.get(theirs["planner"].iloc[0], (0.0, 0.0))
+            of = f"{least:g}x{' of both' if least == least_tail else ''}"
+            met = f" ({of}: {'' if median >= least and tail >= least_tail else 'not '}met)" if least else ""
+            if not theirs["claimed"].any():
                 met = " (at least: it solved none within the limit)"
-            also = ""
-            if (group["route"] == unproven).any():
-                both = _ratios(group, route, unproven)
-                also = f"; without proof {both[0]:.3g}x and {both[1]:.3g}x"
-            same = group[group["task"].isin(group[group["route"] == route]["task"])]
-            theirs = same[same["route"] == route]
-            own, passed = (100 * theirs[column].mean() for column in ("verified_own", "verified"))
+            both = [_ratios(group, route, label) for label in unproven]
+            also = "".join(f"; without proof {found[0]:.3g}x and {found[1]:.3g}x" for found in both)
+            same = group[(group["method"] == ours) & group["problem"].isin(theirs["problem"])]
+            own, passed = (100 * theirs[column].mean() for column in ("solved_own", "solved"))
             lines.append(
                 f"{family}: {median:.3g}x faster than {route} at the median, {tail:.3g}x at p95{met}{also}, "
                 f"n = {count}; the verifier passes {own:.3g} % of its trials by the geometry it planned with and "
-                f"{passed:.3g} % by ours, and {100 * same[same['route'] == ours]['verified'].mean():.3g} % of ours"
+                f"{passed:.3g} % by ours, and {100 * same['solved'].mean():.3g} % of ours"
             )
     return lines
 
 
 def _ratios(group: pd.DataFrame, theirs: str, ours: str) -> tuple[float, float, int]:
     """Return by how much another route takes longer, at the median and at p95, and on how many tasks."""
-    times = [group[group["route"] == route].set_index("task")["time"] for route in (theirs, ours)]
+    times = [group[group["method"] == route].set_index("problem")["planning_time"] for route in (theirs, ours)]
     both = times[1].loc[times[0].index]
     median, tail = (float(times[0].quantile(q) / both.quantile(q)) for q in (0.5, 0.95))
     return median, tail, len(both)

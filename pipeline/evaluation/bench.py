@@ -11,6 +11,7 @@ from pipeline.errors import ConfigError, require
 from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lines, scaling_table
 from pipeline.evaluation.oracle import Oracle
 from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_lines, parity_table, planning_table
+from pipeline.evaluation.routes import cases
 from pipeline.learning import Model, Normalisation, load_model
 from pipeline.learning.networks import Compnetx
 from pipeline.learning.recipe import ModelConfig
@@ -19,7 +20,6 @@ from pipeline.perception import Perception, scene_voxels
 from pipeline.robots import Robot
 from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import Split
-from pipeline.tasks import set_up
 
 
 @dataclass(frozen=True)
@@ -83,25 +83,13 @@ def measure(bench: Bench) -> Measured:
     per_scene = -(-max(contest.problems, bench.demonstrations) // len(scenes))
     problems = pd.concat([environment.tasks(scene, per_scene) for scene in scenes.values()])
     problems = problems.sort_values("problem", kind="stable")  # the first of every scene, then the second ones
-    model = (
-        load_model(bench.trained)
-        if bench.trained
-        else _untrained(bench.model, set_up(found[0].statement).robot, contest.seed)
-    )
+    asked = list(cases(environment.name, scenes, problems))
+    place = Workplace(asked, environment.margin, contest, bench.parts)
+    model = load_model(bench.trained) if bench.trained else _untrained(bench.model, place.task.robot, contest.seed)
     voxels = scene_voxels(next(iter(scenes.values())).obstacles, bench.perception.voxels, bench.perception.seed)
-    place = Workplace(
-        environment,
-        scenes,
-        problems,
-        contest.adherences,
-        contest.verifier,
-        bench.parts,
-        contest.time_limit,
-        contest.seed,
-    )
     with single_threaded():
         parts = parts_table(place, model, voxels)
-        trials = contest_trials(contest, environment, scenes, problems)
+        trials = contest_trials(contest, environment, asked)
     demonstrations = problems.iloc[: bench.demonstrations]
     scaling = scaling_table(bench.oracle, environment, scenes, demonstrations, bench.shard, bench.rounds)
     planning, parity = planning_table(trials), parity_table(trials)

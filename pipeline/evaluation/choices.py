@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.errors import ConfigError
 from pipeline.evaluation.statistics import summary
-from pipeline.evaluation.trials import Method
+from pipeline.evaluation.trials import Method, method_settings
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,9 @@ def variants(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[st
 
 def variant_settings(bases: Mapping[str, Method], changed: Sequence[Variant]) -> dict[str, dict[str, Any]]:
     """Return the label of the 'base' and the parameters of 'planner' and 'sampler' of every variant, by its label."""
-    methods = variants(bases, changed)
-    return {
-        method.label: {
-            "base": bases[variant.base].label,
-            "planner": dict(method.planner.parameters),
-            "sampler": dict(method.sampler.parameters),
-        }
-        for variant, method in zip(changed, methods.values(), strict=True)
-    }
+    settings = method_settings(variants(bases, changed))
+    pairs = zip(settings.items(), changed, strict=True)
+    return {label: {**parts, "base": bases[variant.base].label} for (label, parts), variant in pairs}
 
 
 _PROBLEM = ["scenario", "scene", "problem", "adherence"]

@@ -5,7 +5,7 @@ import logging
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
@@ -18,6 +18,8 @@ import torch
 
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.oracle import Oracle, demonstrate, shards
+from pipeline.evaluation.peers import Contest
+from pipeline.evaluation.routes import Case
 from pipeline.evaluation.statistics import summary
 from pipeline.learning import CompnetxNetwork, Model, Products
 from pipeline.learning.dropout import draw_masks
@@ -31,9 +33,8 @@ from pipeline.samplers.choices import check_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene
-from pipeline.tasks import Setup, set_up
+from pipeline.tasks import Task
 from pipeline.verification.judge import Judge
-from pipeline.verification.verdict import VerifierParameters
 
 log = logging.getLogger(__name__)
 PARTS = ("part", "per", "n", "median [us]", "p95 [us]")
@@ -82,42 +83,34 @@ class Workplace:
     """Where parts are timed.
 
     Attributes:
-        environment, scenes: with the blocks.
-        problems: columns scene, problem, start and goal.
-        adherences: by key; the first also finds the paths that are refined and verified.
-        verifier: bounds of the check that is timed.
-        time_limit: of a plan [s].
-        seed: of plans and arguments.
+        cases: among blocks.
+        margin: that planning keeps [m].
+        contest: has the adherence methods, of which the first also finds the paths that are refined and verified, the
+            bounds of the check that is timed, and time limit and seed of plans.
+        parts: how often.
     """
 
-    environment: Margins
-    scenes: Mapping[str, Scene]
-    problems: pd.DataFrame
-    adherences: Mapping[str, Choice]
-    verifier: VerifierParameters
+    cases: Sequence[Case]
+    margin: float
+    contest: Contest
     parts: Parts
-    time_limit: float
-    seed: int
-
-    def checker(self, scene: str, margin: float | None = None) -> Validity:
-        """Return the checker of a scene by name."""
-        return set_up(self.scenes[scene].statement).validity(self.environment.margin if margin is None else margin)
 
     @property
-    def setup(self) -> Setup:
-        """Robot and constraint, which all scenes share."""
-        return set_up(next(iter(self.scenes.values())).statement)
+    def task(self) -> Task:
+        """The first one; all have the same robot and constraint."""
+        return self.cases[0].task
 
-    def planned(self, space: Adherence, obstacles: bool = True) -> Iterator[tuple[Problem, np.ndarray]]:
-        """Yield every problem with its path, after it was planned; the first one twice, to warm up."""
+    def planned(self, space: Adherence, obstacles: bool = True) -> Iterator[tuple[Task, np.ndarray]]:
+        """Yield every task with its path, after it was planned; the first one twice, to warm up."""
         planner: Planner = self.parts.planner.make(PLANNERS, "parts.planner")
         for i in (0, *range(self.parts.plans)):
-            asked: Any = self.problems.iloc[i % len(self.problems)]
-            free = Validity(self.setup.robot, (), self.environment.margin)
-            space.reset(self.checker(asked.scene) if obstacles else free)
-            problem = Problem(space, np.array(asked.start), np.array(asked.goal), asked.scene)
-            found = planner.plan(problem, UniformSampler(), Termination(time_limit=self.time_limit), self.seed + i)
-            yield problem, found.path
+            case = self.cases[i % len(self.cases)]
+            free = Validity(self.task.robot, (), self.margin)
+            space.reset(case.task.validity(self.margin) if obstacles else free)
+            problem = Problem(space, case.task.start, case.task.goal, case.scene)
+            termination = Termination(time_limit=self.contest.time_limit)
+            found = planner.plan(problem, UniformSampler(), termination, self.contest.seed + i)
+            yield case.task, found.path
 
 
 def parts_table(place: Workplace, model: Model, voxels: np.ndarray) -> pd.DataFrame:
@@ -131,7 +124,7 @@ def parts_table(place: Workplace, model: Model, voxels: np.ndarray) -> pd.DataFr
         model: as trained or not; its cost does not depend on its weights.
         voxels: grid of a scene (L, W, H), to be encoded.
     """
-    rng, rows = np.random.default_rng(place.seed), []
+    rng, rows = np.random.default_rng(place.contest.seed), []
     for costs in (_walks(place), _checks(place, rng), _network(place, model, voxels, rng), _paths(place)):
         for part, per, us in costs:
             found = summary(us)
@@ -238,9 +231,9 @@ class _TimedWalks:
 
 
 def _walks(place: Workplace) -> Iterator[_Part]:
-    for key, choice in place.adherences.items():
+    for key, choice in place.contest.adherences.items():
         for obstacles, name in ((True, "among obstacles"), (False, "without obstacles")):
-            space = make_adherence(choice, place.setup.constraint, Validity(place.setup.robot, ()))
+            space = make_adherence(choice, place.task.constraint, Validity(place.task.robot, ()))
             walks = _TimedWalks(space)
             space.traverse = walks  # type: ignore[method-assign]  # planners know nothing but this method
             costs = []
@@ -251,8 +244,7 @@ def _walks(place: Workplace) -> Iterator[_Part]:
 
 
 def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
-    robot, constraint = place.setup.robot, place.setup.constraint
-    checker = place.checker(place.problems["scene"].iloc[0])
+    robot, constraint, checker = place.task.robot, place.task.constraint, place.task.validity(place.margin)
     states, _ = constraint.project_batch(rng.uniform(*robot.box, (4 * place.parts.calls, constraint.n)))
     free = np.array([checker.free(q) for q in states])
     for name, found in (("free", states[free]), ("colliding", states[~free])):
@@ -272,7 +264,7 @@ def _checks(place: Workplace, rng: np.random.Generator) -> Iterator[_Part]:
 
 
 def _network(place: Workplace, model: Model, voxels: np.ndarray, rng: np.random.Generator) -> Iterator[_Part]:
-    robot, keys = place.setup.robot, itertools.count()
+    robot, keys = place.task.robot, itertools.count()
     network, plain = CompnetxNetwork(model), CompnetxNetwork(model, Products.SINGLE)
     plain.encode(0, voxels)
     # A new key every time: a scene that is known already costs nothing.
@@ -320,14 +312,14 @@ def _alternatives(
 
 
 def _paths(place: Workplace) -> Iterator[_Part]:
-    constraint, choice = place.setup.constraint, next(iter(place.adherences.values()))
-    space = make_adherence(choice, constraint, Validity(place.setup.robot, ()))
+    choice = next(iter(place.contest.adherences.values()))
+    space = make_adherence(choice, place.task.constraint, Validity(place.task.robot, ()))
     refine, check, states = [], [], []
-    for problem, path in itertools.islice(place.planned(space), 1, None):
+    for task, path in itertools.islice(place.planned(space), 1, None):
         if not len(path):
             continue
-        judge = Judge(place.scenes[str(problem.scene)].statement, place.verifier)
-        verified = partial(judge.verify, start=problem.start, goal=problem.goal)
+        judge = Judge(task.statement, place.contest.verifier)
+        verified = partial(judge.verify, start=task.start, goal=task.goal)
         refine.append(times_us(space.refine, [path])[0])
         check.append(times_us(verified, [path])[0])
         states.append(len(path))

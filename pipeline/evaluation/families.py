@@ -1,21 +1,18 @@
 """A family of tasks with everything it is planned and verified with: what benchmarks and the soak test run over."""
 
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
-
-import numpy as np
 
 from pipeline.environments.families import KINDS, make_family
 from pipeline.environments.task import Family
 from pipeline.errors import ConfigError, require
-from pipeline.manifolds import Adherence, make_adherence
-from pipeline.planners import PLANNERS, PlanResult, Problem, Termination
+from pipeline.evaluation.routes import Case, Manifold, Ours, Role
+from pipeline.evaluation.trials import Method
 from pipeline.robots import ROBOTS, Geometry, UrdfRobot
-from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
-from pipeline.tasks import Task
-from pipeline.verification.judge import Judge
-from pipeline.verification.verdict import Verdict, VerifierParameters
+from pipeline.tasks import build
+from pipeline.verification.verdict import VerifierParameters
 
 
 @dataclass(frozen=True)
@@ -72,41 +69,33 @@ class Setting:
         """
         return make_family(self.kind, self.description(geometry), self.parameters)
 
-    def verdict(self, task: Task, path: np.ndarray, geometry: Geometry | None = None) -> Verdict:
-        """Return the verifier's verdict on a path (T, n), by the robot's own geometry or another."""
-        asked = task.statement
-        if geometry is not None and isinstance(asked.robot, UrdfRobot):
-            asked = replace(asked, robot=replace(asked.robot, geometry=geometry))
-        return Judge(asked, self.verifier).verify(path, task.start, task.goal)
+    def cases(self, label: str, seed: int, numbers: Iterable[int]) -> Iterator[Case]:
+        """Yield tasks of the family by number, under a label for the environment; its robot is read once."""
+        family = self.family()
+        for number in numbers:
+            task = family.task(seed, number)
+            yield Case(label, self.kind, task.name, number, 0, build(task.leg))
 
+    def ours(self, adherence: str, label: str = "", role: Role = Role.OURS) -> Ours:
+        """Return our planner with the adherence method of a key, under a label."""
+        method = Method(label or adherence, self.planner, self.sampler)
+        manifold = Manifold(self.adherences[adherence], self.margin, self.self_margin)
+        return method.route(adherence, manifold, role=role)
 
-class Ours:
-    """Our planner with one adherence method, over the tasks of a family.
+    def changed(
+        self,
+        planner: Mapping[str, Any] | None = None,
+        sampler: Mapping[str, Any] | None = None,
+        adherence: Mapping[str, Any] | None = None,
+    ) -> "Setting":
+        """Return the setting with other parameters of planner, sampler and all adherence methods, by name."""
 
-    Args:
-        setting: of the family.
-        adherence: the method.
-    """
+        def other(choice: Choice, parameters: Mapping[str, Any] | None) -> Choice:
+            return replace(choice, parameters={**choice.parameters, **(parameters or {})})
 
-    def __init__(self, setting: Setting, adherence: Choice) -> None:
-        self.setting, self.adherence = setting, adherence
-        self._planner = setting.planner.make(PLANNERS, "planner")
-        self._space: Adherence | None = None
-        self._task: Task | None = None  # whose scene the manifold is in
-
-    def space(self, task: Task) -> Adherence:
-        """Return the manifold of a task; that of the last one in another scene where the constraint is the same."""
-        if self._space is not None and self._task is task:
-            self._space.reset()
-            return self._space
-        validity = task.validity(self.setting.margin, self.setting.self_margin)
-        if self._space is None or self._space.constraint is not task.constraint:
-            self._space = make_adherence(self.adherence, task.constraint, validity)
-        self._space.reset(validity)
-        self._task = task
-        return self._space
-
-    def plan(self, task: Task, termination: Termination, seed: int) -> PlanResult:
-        """Plan a task; making the checker and the manifold is left out of the planning time."""
-        asked = Problem(self.space(task), task.start, task.goal)
-        return self._planner.plan(asked, make_sampler(self.setting.sampler), termination, seed)
+        return replace(
+            self,
+            planner=other(self.planner, planner),
+            sampler=other(self.sampler, sampler),
+            adherences={key: other(choice, adherence) for key, choice in self.adherences.items()},
+        )

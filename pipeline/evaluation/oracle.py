@@ -8,14 +8,13 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import PipelineError, require
-from pipeline.manifolds import make_adherence
-from pipeline.planners import PLANNERS, Planner, Problem, Termination, path_length, shortcut
+from pipeline.evaluation.routes import Manifold, Names, Ours, cases
+from pipeline.evaluation.runner import Judges
+from pipeline.planners import PLANNERS, Termination, path_length, shortcut
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene, flatten
-from pipeline.tasks import set_up
-from pipeline.verification.judge import Judge
 
 UNVERIFIED = "unverified"  # status of a path that the verifier refused
 
@@ -51,40 +50,30 @@ def shards(problems: pd.DataFrame, size: int) -> Iterator[tuple[str, pd.DataFram
 
 
 def demonstrate(oracle: Oracle, environment: Margins, scenes: dict[str, Scene], problems: pd.DataFrame) -> pd.DataFrame:
-    """Plan the problems of one scene and verify the paths; one row each, failures included with an empty path.
+    """Plan problems and verify the paths; one row each, failures included with an empty path.
 
     A path that the verifier refuses is no demonstration: its status is `unverified`, its message the verifier's.
 
     Columns: scenario, scene, split, problem, status, solved, message, length [m], raw_length [m] (before shortcuts),
     the counters, path, waypoints, dimension, and planning_time [s], which alone does not repeat.
     """
-    scene = scenes[problems["scene"].iloc[0]]
-    setup = set_up(scene.statement)
-    validity = setup.validity(environment.margin, environment.self_margin)
-    space = make_adherence(oracle.adherence, setup.constraint, validity)
-    planner: Planner = oracle.planner.make(PLANNERS, "oracle.planner")
-    judge = Judge(scene.statement)
+    names = Names("oracle", oracle.planner.kind, "uniform", oracle.adherence.kind)
+    manifold = Manifold(oracle.adherence, environment.margin, environment.self_margin)
+    route = Ours(names, manifold, oracle.planner.make(PLANNERS, "oracle.planner"), UniformSampler())
+    termination, judges = Termination(max_iterations=oracle.max_iterations), Judges()
     rows: list[dict[str, Any]] = []
-    tuples: Any = problems.itertuples()  # pandas types its fields as any scalar
-    for problem in tuples:
-        head = {name: getattr(problem, name) for name in ("scenario", "scene", "split", "problem")}
-        stream = np.random.SeedSequence([oracle.seed, int(problem.problem), *scene.name.encode()])
-        seed = int(stream.generate_state(1)[0])
-        termination = Termination(max_iterations=oracle.max_iterations)
+    for split, case in zip(problems["split"], cases(environment.name, scenes, problems), strict=True):
+        head = {"scenario": case.scenario, "scene": case.scene, "split": split, "problem": case.problem}
+        space, seed = manifold.at(case.task), case.seed(oracle.seed)
         try:
-            result = planner.plan(
-                Problem(space, np.array(problem.start), np.array(problem.goal), scene.name),
-                UniformSampler(),
-                termination,
-                seed,
-            )
+            result = route.plan(case, termination, seed)
         except PipelineError as error:  # a problem that cannot be planned is counted, not the end of the stage
             none = dict.fromkeys(("length", "raw_length", "planning_time"), np.nan)
             empty = flatten(np.empty((0, space.dimension)))
             rows.append({**head, "status": "refused", "solved": False, "message": str(error), **none, **empty})
             continue
         path = shortcut(space, result.path, np.random.default_rng(seed), oracle.shortcuts)
-        verdict = judge.verify(path, np.array(problem.start), np.array(problem.goal)) if result.solved else None
+        verdict = judges.verdict(case.task, path) if result.solved else None
         solved, message = result.solved, ""
         record = {k: v for k, v in result.row().items() if k not in ("claimed", "network_time")}
         if verdict is not None and not verdict.passed:

@@ -12,28 +12,27 @@ lengths to say something about the planner, ours plans once more with a first ba
 import itertools
 import logging
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.clusters import paired_interval, success_interval
+from pipeline.evaluation.ompl_route import Ompl
+from pipeline.evaluation.routes import Case, Manifold, Names, Ours, Role, Route
+from pipeline.evaluation.runner import Runner
 from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
-from pipeline.manifolds import Adherence, AtlasParameters, joined, make_adherence
-from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
+from pipeline.manifolds import Adherence, AtlasParameters
+from pipeline.planners import PLANNERS, FmtStar, Planner, Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
-from pipeline.robots import Validity
-from pipeline.samplers import Sampler, UniformSampler
+from pipeline.samplers import UniformSampler
 from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
-from pipeline.spec.scene import Scene
-from pipeline.tasks import set_up
-from pipeline.verification.judge import Judge
+from pipeline.tasks import Task
 from pipeline.verification.verdict import VerifierParameters
 
 log = logging.getLogger(__name__)
@@ -106,28 +105,6 @@ class Contest:
         return max(spacing.problems for spacing in self.spacings)
 
 
-@dataclass(frozen=True)
-class _Entrant:
-    """One row of the table: a planner by one route; `search` with our sampler or OMPL's own."""
-
-    planner: str
-    adherence: str
-    space: Adherence
-    route: str
-    delta: float
-    problems: int
-    search: Planner | OmplPlanner
-    sampler: Sampler
-
-    def plan(self, problem: Problem, time_limit: float, seed: int) -> PlanResult:
-        termination = Termination(time_limit=time_limit)
-        if isinstance(self.search, OmplPlanner):
-            return self.search.plan(problem, termination, seed)
-        if isinstance(self.sampler, ChartSampler):
-            self.sampler.bind(problem)
-        return self.search.plan(problem, self.sampler, termination, seed)
-
-
 class ChartSampler(UniformSampler):
     """Draws the first batch from OMPL's charts, whose samples lie around start and goal, later ones as ours does.
 
@@ -139,57 +116,29 @@ class ChartSampler(UniformSampler):
         super().__init__()
         self.peer = peer
 
-    def bind(self, problem: Problem) -> None:
-        """Take the next problem: charts begin at its ends."""
-        self.problem = problem
-
-    def first(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Return OMPL's samples that can be projected (m, n)."""
-        drawn = self.peer.samples(self.problem, len(current), int(self.rng.integers(2**31)))
-        found = self.adherence.project(drawn)
-        self.counters.samples += len(found)
-        return found
+    def draw_cover(self, count: int) -> np.ndarray:
+        """Return those of OMPL's samples that can be projected (m, n); its charts begin at both ends."""
+        problem = Problem(self.adherence, self.asked.start, self.asked.goal)
+        return self.adherence.project(self.peer.samples(problem, count, int(self.rng.integers(2**31))))
 
 
-def contest_trials(
-    contest: Contest, environment: Margins, scenes: Mapping[str, Scene], problems: pd.DataFrame
-) -> pd.DataFrame:
-    """Plan the problems with all planners, adherences, routes and spacings; one row per plan, in this order.
+def contest_trials(contest: Contest, environment: Margins, asked: Sequence[Case]) -> pd.DataFrame:
+    """Plan cases with all planners, adherences, routes and spacings; return the runner's rows, in this order.
 
-    Columns: scene, problem (its place among the problems), planner, adherence, route, delta (NaN for ours as it is),
-    claimed, verified, planning_time [s], path_length [m] (NaN when not verified).
+    The problem is its place among the cases and the planner a label; a column more, delta, is OMPL's spacing, NaN for
+    ours as it is.
     """
-    begin = time.monotonic()
-    setups = {name: set_up(scenes[name].statement) for name in problems["scene"].unique()}
-    checkers = {name: s.validity(environment.margin, environment.self_margin) for name, s in setups.items()}
-    judges = {name: Judge(setup.statement, contest.verifier) for name, setup in setups.items()}
-    first = problems["scene"].iloc[0]
-    entrants = list(_entrants(contest, setups[first].constraint, checkers[first]))
-    spaces = list({id(entrant.space): entrant.space for entrant in entrants}.values())
+    begin, entrants = time.monotonic(), list(_entrants(contest, environment, asked[0].task))
+    runner = Runner(Termination(time_limit=contest.time_limit), contest.verifier)
     rows: list[dict[str, Any]] = []
-    tuples: Any = problems.iloc[: contest.problems].itertuples()  # pandas types its fields as any scalar
-    for place, asked in enumerate(tuples):
-        start, goal = np.array(asked.start), np.array(asked.goal)
-        stream = np.random.SeedSequence([contest.seed, int(asked.problem), *asked.scene.encode()])
-        seed = int(stream.generate_state(1)[0])
-        for space in spaces:
-            space.reset(checkers[asked.scene])
-        for entrant in entrants:
-            if place >= entrant.problems:
+    for place, case in enumerate(asked[: contest.problems]):
+        seed = case.seed(contest.seed)
+        for label, route, delta, problems in entrants:
+            if place >= problems:
                 continue
-            problem = Problem(entrant.space, start, goal, asked.scene)
             if place == 0:
-                entrant.plan(problem, _WARM_UP, seed)
-            result = entrant.plan(problem, contest.time_limit, seed)
-            peer = result.solved and isinstance(entrant.search, OmplPlanner)
-            path = joined(entrant.space, result.path) if peer else result.path
-            verdict = judges[asked.scene].verify(path, start, goal)
-            rows.append({
-                "scene": asked.scene, "problem": place, "planner": entrant.planner,
-                "adherence": entrant.adherence, "route": entrant.route, "delta": entrant.delta,
-                "claimed": result.solved, "verified": verdict.passed,
-                "planning_time": result.planning_time, "path_length": verdict.length if verdict.passed else np.nan,
-            })  # fmt: skip
+                route.plan(case, Termination(time_limit=_WARM_UP), seed)
+            rows.append({**runner.row(route, case, seed), "planner": label, "problem": place, "delta": delta})
         log.info("planning: problem %d of %d after %.0f s", place + 1, contest.problems, time.monotonic() - begin)
     return pd.DataFrame(rows)
 
@@ -203,17 +152,17 @@ def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for planner, delta, adherence, group in _groups(trials):
-        rival = SAME if (group["route"] == SAME).any() else OURS
-        p95s = {route: _milliseconds(group[group["route"] == route]).p95 for route in (rival, OURS)}
-        for route, part in group.groupby("route", sort=False):
+        rival = SAME if (group["method"] == SAME).any() else OURS
+        p95s = {route: _milliseconds(group[group["method"] == route]).p95 for route in (rival, OURS)}
+        for route, part in group.groupby("method", sort=False):
             times = _milliseconds(part)
             ratios: tuple[float, ...] = (np.nan,) * 6
             if route not in _OWN:
                 found = paired_interval(*_paired(group, str(route), rival), Comparison.RATIO)
-                as_it_is = times.median / _milliseconds(group[group["route"] == OURS]).median
+                as_it_is = times.median / _milliseconds(group[group["method"] == OURS]).median
                 ratios = (found.estimate, found.low, found.high, times.p95 / p95s[rival])
                 ratios += (as_it_is, times.p95 / p95s[OURS])
-            success = (100 * part["claimed"].mean(), 100 * part["verified"].mean())
+            success = (100 * part["claimed"].mean(), 100 * part["solved"].mean())
             length = summary(part["path_length"].dropna().to_numpy(float)).median
             times_ms = (times.median, times.mean, times.p95)
             rows.append((planner, delta, adherence, route, len(part), *success, *times_ms, *ratios, length))
@@ -230,13 +179,13 @@ def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for planner, delta, adherence, group in _groups(trials[~(trials["delta"] > trials["delta"].min())]):
-        theirs = group[~group["route"].isin((*_OWN, NEIGHBOURS))].groupby("route", sort=False)
+        theirs = group[~group["method"].isin((*_OWN, NEIGHBOURS))].groupby("method", sort=False)
         for route, (against, part) in itertools.product((OURS, CHARTED), theirs):
-            ours = group[group["route"] == route].set_index("problem")
+            ours = group[group["method"] == route].set_index("problem")
             if ours.empty:
                 continue
             other = part.set_index("problem").loc[ours.index]
-            x, y = ours["verified"].to_numpy(bool), other["verified"].to_numpy(bool)
+            x, y = ours["solved"].to_numpy(bool), other["solved"].to_numpy(bool)
             counts = (len(x), x.sum(), y.sum(), (x & ~y).sum(), (~x & y).sum(), (x & y).sum())
             own, peer = (side["path_length"].to_numpy(float)[x & y] for side in (ours, other))
             means = (summary(own).mean, summary(peer).mean)
@@ -299,7 +248,7 @@ def parity_lines(table: pd.DataFrame) -> list[str]:
 
 def _paired(group: pd.DataFrame, route: str, rival: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the planning times of two routes, problem by problem (n,), (n,) [s], and the scenes (n,)."""
-    first, second = (group[group["route"] == name].sort_values("problem") for name in (route, rival))
+    first, second = (group[group["method"] == name].sort_values("problem") for name in (route, rival))
     name = "planning_time"
     return first[name].to_numpy(float), second[name].to_numpy(float), first["scene"].to_numpy(str)
 
@@ -319,41 +268,49 @@ def _groups(trials: pd.DataFrame) -> Iterator[tuple[str, float, str, pd.DataFram
         for delta in of_planner["delta"].dropna().unique():
             for adherence, group in of_planner.groupby("adherence", sort=False):
                 theirs = group["delta"] == delta
-                ours = (group["route"] == OURS) & group["problem"].isin(group[theirs]["problem"])
+                ours = (group["method"] == OURS) & group["problem"].isin(group[theirs]["problem"])
                 yield str(planner), float(delta), str(adherence), group[ours | theirs]
 
 
-def _entrants(contest: Contest, constraint: Constraint, validity: Validity) -> Iterator[_Entrant]:
-    sampler, most = make_sampler(contest.sampler), contest.problems
-    finest = min(contest.spacings, key=lambda spacing: spacing.delta)
-    own = {key: make_adherence(choice, constraint, validity) for key, choice in contest.adherences.items()}
-    same: dict[tuple[str, float], Adherence] = {}
-    for spacing, (key, space) in itertools.product(contest.spacings, own.items()):
-        resolution = min(spacing.delta, space.parameters.step)
-        if resolution != space.parameters.resolution:
+def _entrants(contest: Contest, environment: Margins, task: Task) -> Iterator[tuple[str, Route, float, int]]:
+    """Yield planners by label, each by one route, with OMPL's spacing and for how many problems."""
+    margins = environment.margin, environment.self_margin
+    finest, sampler = min(contest.spacings, key=lambda spacing: spacing.delta), make_sampler(contest.sampler)
+    own = {key: Manifold(choice, *margins) for key, choice in contest.adherences.items()}
+    same: dict[tuple[str, float], Manifold] = {}
+    for spacing, (key, manifold) in itertools.product(contest.spacings, own.items()):
+        parameters = manifold.at(task).parameters
+        resolution = min(spacing.delta, parameters.step)
+        if resolution != parameters.resolution:
             choice = contest.adherences[key]
             choice = replace(choice, parameters={**choice.parameters, "resolution": resolution})
-            same[key, spacing.delta] = make_adherence(choice, constraint, validity)
+            same[key, spacing.delta] = Manifold(choice, *margins)
     for key, choice in contest.planners.items():
         planner, (label, name) = choice.make(PLANNERS, f"planners.{key}"), _PEERS[choice.kind]
-        for adherence, space in own.items():
-            kind = contest.adherences[adherence].kind
-            # Charts have a Newton iteration of their own that cannot be replaced.
-            routes = (ORDINARY, OVERRIDDEN) if kind == "projection" else (ORDINARY,)
-            yield _Entrant(label, adherence, space, OURS, np.nan, most, planner, sampler)
+        for adherence, manifold in own.items():
+            kind, space = contest.adherences[adherence].kind, manifold.at(task)
+            names = Names(OURS, choice.kind, contest.sampler.kind, adherence)
+            yield label, Ours(names, manifold, planner, sampler), np.nan, contest.problems
             for spacing in contest.spacings:
                 delta, problems = spacing.delta, spacing.problems
                 if (adherence, delta) in same:
-                    yield _Entrant(label, adherence, same[adherence, delta], SAME, delta, problems, planner, sampler)
-                for route in routes:
-                    search = OmplPlanner(name, kind, _parameters(space, planner, delta, route == OVERRIDDEN))
-                    yield _Entrant(label, adherence, space, route, delta, problems, search, sampler)
+                    yield (
+                        label,
+                        Ours(replace(names, method=SAME), same[adherence, delta], planner, sampler),
+                        delta,
+                        problems,
+                    )
+                peers = {ORDINARY: _parameters(space, planner, delta, False)}
+                if kind == "projection":  # charts have a Newton iteration of their own that cannot be replaced
+                    peers[OVERRIDDEN] = _parameters(space, planner, delta, True)
                 if isinstance(planner, FmtStar):
-                    alike = OmplPlanner(name, kind, _parameters(space, planner, delta, False, neighbours=True))
-                    yield _Entrant(label, adherence, space, NEIGHBOURS, delta, problems, alike, sampler)
+                    peers[NEIGHBOURS] = _parameters(space, planner, delta, False, neighbours=True)
+                for title, options in peers.items():
+                    other = Names(title, name, "", adherence, Role.PEER)
+                    yield label, Ompl(other, manifold, OmplPlanner(name, kind, options)), delta, problems
                 if isinstance(planner, FmtStar) and isinstance(space.parameters, AtlasParameters) and spacing is finest:
-                    charts = ChartSampler(search)
-                    yield _Entrant(label, adherence, space, CHARTED, delta, problems, planner, charts)
+                    charts = ChartSampler(OmplPlanner(name, kind, peers[ORDINARY]))
+                    yield label, Ours(replace(names, method=CHARTED), manifold, planner, charts), delta, problems
 
 
 def _parameters(

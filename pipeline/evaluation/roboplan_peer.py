@@ -7,13 +7,16 @@ each other. What it has otherwise is in `DIFFERENCES`, for pages.
 
 import time
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import ConfigError
+from pipeline.evaluation.routes import Case, Route
+from pipeline.manifolds import Counters, dense, joined
+from pipeline.planners import PlanResult, PlanStatus, Termination
 from pipeline.robots import Geometry, Robot, Shape, UrdfRobot
 from pipeline.robots.description import SHARE, resolve
 from pipeline.spec.statement import Equation, Joined, Level
@@ -32,6 +35,7 @@ DIFFERENCES = (
     "Its path is straight between its states; they are joined on the manifold every 0.02 rad before it is verified.",
     "It is C++ throughout; its time includes making the planner, 0.1 ms. Making its scene is left out, as for ours.",
 )
+_DENSE = 0.02  # spacing at which its waypoints are joined on the manifold before they are verified [rad]
 _GROUP, _WORLD = "planned", "universe"
 _NODES = 1_000_000  # as good as no limit: time ends a search
 _COLOR = np.array([0.5, 0.5, 0.5, 1.0])
@@ -61,6 +65,33 @@ def load_roboplan() -> tuple[Any, Any]:
     except ImportError as error:
         raise ConfigError(f"roboplan cannot be imported ({error}); pip install 'roboplan==0.7.0'") from None
     return core, rrt
+
+
+@dataclass
+class Roboplan(Route):
+    """roboplan's RRT-Connect, whose waypoints are joined on the manifold outside of the time.
+
+    Attributes:
+        settings: of the robot.
+        parameters: roboplan's.
+    """
+
+    geometry = GEOMETRY
+    uncounted = ("iterations", *(field.name for field in fields(Counters)))
+    settings: UrdfRobot
+    parameters: RoboplanParameters
+    _peer: "RoboplanPeer | None" = None  # made with the robot of the first task: its scene takes a second
+
+    def plan(self, case: Case, termination: Termination, seed: int) -> PlanResult:
+        """Plan a case; see `Route`."""
+        assert termination.time_limit is not None  # the contest's plans all have one, and it ends by nothing else
+        if self._peer is None:
+            self._peer = RoboplanPeer(self.settings, case.task.robot, self.parameters)
+        seconds, path = self._peer.plan(case.task, termination.time_limit, seed)
+        space = self.manifold.at(case.task)
+        status = PlanStatus.FAILED if path is None else PlanStatus.SOLVED
+        states = np.empty((0, space.dimension)) if path is None else joined(space, dense(space, path, _DENSE))
+        return PlanResult(status, states, seconds, 0.0, 0, Counters(), seed)
 
 
 class RoboplanPeer:

@@ -1,16 +1,15 @@
 """The soak test: thousands of planned paths through the verifier."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.families import Ours, Setting
-from pipeline.planners import Termination, shortcut
-from pipeline.tasks import build
+from pipeline.evaluation.families import Setting
+from pipeline.evaluation.runner import Runner
+from pipeline.planners import Termination
 
 
 @dataclass(frozen=True)
@@ -61,61 +60,38 @@ class Soak:
 
     def shards(self) -> list[tuple[str, tuple[str, range]]]:
         """Return names and items of all shards: a family and numbers of its tasks."""
-        found = []
-        for label, load in self.loads.items():
-            for first in range(0, load.tasks, self.shard):
-                found.append((f"{label}-{first}", (label, range(first, min(first + self.shard, load.tasks)))))
-        return found
+        return [
+            (f"{label}-{first}", (label, range(first, min(first + self.shard, load.tasks))))
+            for label, load in self.loads.items()
+            for first in range(0, load.tasks, self.shard)
+        ]
 
 
 def soak_shard(soak: Soak, item: tuple[str, range]) -> pd.DataFrame:
-    """Plan and verify tasks of a family; return a row per plan."""
+    """Plan and verify tasks of a family; return the runner's rows but for the times, which do not repeat."""
     label, numbers = item
-    setting, load, rows = soak.families[label], soak.loads[label], []
-    family = setting.family()
-    routes = {
-        name: Ours(setting, replace(choice, parameters={**choice.parameters, **soak.adherence}))
-        for name, choice in setting.adherences.items()
-    }
-    for number in numbers:
-        task = build(family.task(soak.seed, number).leg)
-        for name, ours in routes.items():
-            for repeat in range(load.plans):
-                seed = soak.seed + 1000 * number + repeat
-                result = ours.plan(task, Termination(max_iterations=load.max_iterations), seed)
-                row: dict[str, Any] = {"family": label, "adherence": name, "task": number, "seed": seed}
-                row |= {"solved": result.solved, "reason": "", "violation": np.nan, "states": 0, "length": np.nan}
-                row |= {"proven": 0, "sampled": 0}
-                row |= {"shortened": False, "short_reason": "", "short_length": np.nan}
-                if result.solved:
-                    verdict = setting.verdict(task, result.path)
-                    row |= {"reason": verdict.failure.value if verdict.failure else ""}
-                    row |= {"violation": verdict.max_violation, "states": verdict.states_checked}
-                    row |= {"length": verdict.length}
-                    row |= {"proven": verdict.chords_proven, "sampled": verdict.chords_sampled}
-                    if soak.shortcuts:
-                        rng = np.random.default_rng([seed, 2])
-                        shorter = shortcut(ours.space(task), result.path, rng, soak.shortcuts)
-                        after = setting.verdict(task, shorter)
-                        row |= {"shortened": True, "short_reason": after.failure.value if after.failure else ""}
-                        row |= {"short_length": after.length, "states": row["states"] + after.states_checked}
-                        row |= {"proven": row["proven"] + after.chords_proven}
-                        row |= {"sampled": row["sampled"] + after.chords_sampled}
-                rows.append(row)
-    return pd.DataFrame(rows)
+    load, setting = soak.loads[label], soak.families[label].changed(adherence=soak.adherence)
+    runner = Runner(Termination(max_iterations=load.max_iterations), setting.verifier, soak.shortcuts)
+    routes = [setting.ours(adherence) for adherence in setting.adherences]
+    rows = [
+        runner.row(route, case, soak.seed + 1000 * case.problem + repeat)
+        for case in setting.cases(label, soak.seed, numbers)
+        for route in routes
+        for repeat in range(load.plans)
+    ]
+    return pd.DataFrame(rows).drop(columns=["planning_time", "network_time"])
 
 
 def soak_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Return a row per family and adherence method, and one for all."""
-    parts = [*rows.groupby(["family", "adherence"], sort=False), (("all", ""), rows)]
+    parts = [*rows.groupby(["environment", "adherence"], sort=False), (("all", ""), rows)]
     found = []
     for (family, adherence), group in parts:
-        paths, short = group[group["solved"]], group[group["shortened"]]
         found.append((
-            family, adherence, group.groupby("family")["task"].nunique().sum(), len(group), len(paths),
-            int((paths["reason"] != "").sum()), len(short), int((short["short_reason"] != "").sum()),
-            int(group["proven"].sum()), int(group["sampled"].sum()), int(group["states"].sum()),
-            group["violation"].max(),
+            family, adherence, group.groupby("environment")["problem"].nunique().sum(), len(group),
+            int(group["claimed"].sum()), int((group["failure"] != "").sum()), int(group["shortened"].sum()),
+            int((group["short_failure"] != "").sum()), int(group["chords_proven"].sum()),
+            int(group["chords_sampled"].sum()), int(group["states_checked"].sum()), group["max_violation"].max(),
         ))  # fmt: skip
     columns = (
         "family", "adherence", "tasks", "plans", "paths", "wrong paths", "shortened paths", "wrong shortened paths",
@@ -126,5 +102,5 @@ def soak_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 def wrong(rows: pd.DataFrame) -> Sequence[dict[str, Any]]:
     """Return the rows with a path, raw or shortened, that the verifier refused."""
-    bad = rows[(rows["reason"] != "") | (rows["short_reason"] != "")]
+    bad = rows[(rows["failure"] != "") | (rows["short_failure"] != "")]
     return bad.to_dict("records")  # type: ignore[return-value]

@@ -1,34 +1,53 @@
 """Trials: every method on every problem, verified, one row each."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from pipeline.errors import ConfigError, require
-from pipeline.manifolds import Adherence, make_adherence
-from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
-from pipeline.samplers import Asked, Sampler, Then
+from pipeline.evaluation.routes import Manifold, Names, Ours, Role, cases
+from pipeline.evaluation.runner import Runner
+from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Termination
+from pipeline.samplers import Asked, Then
 from pipeline.samplers.choices import Learned, check_sampler, make_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
-from pipeline.spec.scene import Scene, flatten
-from pipeline.tasks import set_up
-from pipeline.verification.judge import Judge
+from pipeline.spec.scene import Scene
 from pipeline.verification.verdict import VerifierParameters
+
+Part = TypeVar("Part")
 
 
 @dataclass(frozen=True)
 class Method:
-    """A planner with a sampler, under the name of the tables."""
+    """A planner with a sampler, under the name of the tables.
+
+    Attributes:
+        label: the name.
+        planner, sampler: the parts.
+        compared_with: keys of the methods that it is held against problem by problem, the most telling one first.
+        tuned_from: key of the method from whose variants the parameters were chosen, where they are not its own.
+    """
 
     label: str
     planner: Choice
     sampler: Choice
+    compared_with: tuple[str, ...] = ()
+    tuned_from: str | None = None
+
+    def route(self, adherence: str, manifold: Manifold, learned: Learned | None = None, role: Role = Role.OURS) -> Ours:
+        """Return what plans by this method on a manifold, whose adherence method has a key.
+
+        Raises:
+            ConfigError: an unknown kind, parameters that do not fit it, or a learned sampler without a network.
+        """
+        planner: Planner = self.planner.make(PLANNERS, "planner")
+        names = Names(self.label, self.planner.kind, self.sampler.kind, adherence, role)
+        return Ours(names, manifold, planner, make_sampler(self.sampler, learned))
 
 
 @dataclass(frozen=True)
@@ -41,6 +60,7 @@ class Experiment:
         time_limit: of every plan [s].
         seed: of all trials; all methods get the same stream for a problem.
         verifier: bounds of the check.
+        only: keys of the methods and of the adherences that are run; where it names none of a kind, all of that kind.
     """
 
     methods: dict[str, Method]
@@ -48,15 +68,27 @@ class Experiment:
     time_limit: float
     seed: int
     verifier: VerifierParameters
+    only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for key, method in self.methods.items():
             method.planner.make(PLANNERS, f"methods.{key}.planner")
             check_sampler(method.sampler)
+            for other in (*method.compared_with, *filter(None, [method.tuned_from])):
+                if other not in self.methods:
+                    raise ConfigError(f"methods.{key} names the method {other!r}; there are {', '.join(self.methods)}")
+        for key in self.only:
+            if key not in {**self.methods, **self.adherences}:
+                known = ", ".join((*self.methods, *self.adherences))
+                raise ConfigError(f"only names {key!r}; methods and adherences are {known}")
         if not self.methods or not self.adherences:
             raise ConfigError("an experiment needs at least one method and one adherence")
         require("time_limit", self.time_limit, above=0, unit=" s")
         require("seed", self.seed, at_least=0)
+
+    def run(self, parts: Mapping[str, Part]) -> dict[str, Part]:
+        """Return those of the methods or of the adherences that are run."""
+        return {key: part for key, part in parts.items() if key in self.only} or dict(parts)
 
 
 def run_trials(
@@ -66,91 +98,26 @@ def run_trials(
     learned: Learned | None,
     problems: pd.DataFrame,
 ) -> pd.DataFrame:
-    """Run all methods with all adherences on the problems of one scene.
+    """Run all methods with all adherences on problems; return the runner's rows with paths, sorted by problem.
 
     A method plans all of them, after one plan that is not counted, before the next one comes: what it alone needs is
     in the caches then, as where one plans with one method. There are few problems in a shard, so that drift of the
     machine hits all alike.
-
-    Columns: environment, scenario, scene, problem, method, planner, sampler, adherence, seed, status, claimed, solved
-    (verified), rejection (the verifier's sentence), planning_time [s], network_time [s], path_length [m], iterations,
-    the counters, max_violation, min_clearance [m], path, waypoints, dimension. Rows are sorted by problem.
     """
-    scene = scenes[problems["scene"].iloc[0]]
-    judge = Judge(scene.statement, experiment.verifier)
-    spaces = {key: _space(environment, scene, choice) for key, choice in experiment.adherences.items()}
-    built: dict[str, tuple[Planner, Sampler]] = {
-        key: (method.planner.make(PLANNERS, f"methods.{key}.planner"), make_sampler(method.sampler, learned))
-        for key, method in experiment.methods.items()
-    }
-    found = []
-    for key, (planner, sampler) in built.items():
-        for adherence, space in spaces.items():
-            planned = partial(
-                _trials,
-                experiment,
-                environment,
-                scene,
-                experiment.methods[key],
-                planner,
-                sampler,
-                adherence,
-                space,
-                judge,
-            )
-            for _ in planned(problems.iloc[:1]):
-                pass  # the first plan touches everything once; it is measured again below
-            found.append(list(planned(problems)))
+    runner = Runner(Termination(time_limit=experiment.time_limit), experiment.verifier, paths=True)
+    margins = environment.margin, environment.self_margin
+    manifolds = {key: Manifold(choice, *margins) for key, choice in experiment.run(experiment.adherences).items()}
+    routes = [
+        method.route(key, manifold, learned)
+        for method in experiment.run(experiment.methods).values()
+        for key, manifold in manifolds.items()
+    ]
+    asked, found = list(cases(environment.name, scenes, problems)), []
+    for route in routes:
+        # The first plan touches everything once; it is measured again.
+        _, *rows = [runner.row(route, case, case.seed(experiment.seed)) for case in (asked[0], *asked)]
+        found.append(rows)
     return pd.DataFrame([row for rows in zip(*found, strict=True) for row in rows])
-
-
-def _trials(
-    experiment: Experiment,
-    environment: Margins,
-    scene: Scene,
-    method: Method,
-    planner: Planner,
-    sampler: Sampler,
-    adherence: str,
-    space: Adherence,
-    judge: Judge,
-    problems: pd.DataFrame,
-) -> Iterator[dict[str, Any]]:
-    termination = Termination(time_limit=experiment.time_limit)
-    tuples: Any = problems.itertuples()  # pandas types its fields as any scalar
-    for problem in tuples:
-        start, goal = np.array(problem.start), np.array(problem.goal)
-        stream = np.random.SeedSequence([experiment.seed, int(problem.problem), *scene.name.encode()])
-        seed = int(stream.generate_state(1)[0])
-        result = planner.plan(Problem(space, start, goal, scene.name), sampler, termination, seed)
-        row: dict[str, Any] = {
-            "environment": environment.name,
-            "scenario": scene.scenario,
-            "scene": scene.name,
-            "problem": int(problem.problem),
-            "method": method.label,
-            "planner": method.planner.kind,
-            "sampler": method.sampler.kind,
-            "adherence": adherence,
-            **result.row(),
-            "solved": False,
-            "rejection": "",
-            "path_length": np.nan,
-            "max_violation": np.nan,
-            "min_clearance": np.nan,
-        }
-        if result.solved:
-            verdict = judge.verify(result.path, start, goal)
-            row["solved"], row["rejection"] = verdict.passed, verdict.message
-            row["max_violation"] = verdict.max_violation
-            row["path_length"] = verdict.length if verdict.passed else np.nan
-            row["min_clearance"] = np.nan if verdict.min_clearance is None else verdict.min_clearance
-        yield {**row, **flatten(result.path)}
-
-
-def _space(environment: Margins, scene: Scene, choice: Choice) -> Adherence:
-    setup = set_up(scene.statement)
-    return make_adherence(choice, setup.constraint, setup.validity(environment.margin, environment.self_margin))
 
 
 def benchmark_metrics(trials: pd.DataFrame) -> dict[str, Any]:
@@ -167,11 +134,20 @@ def benchmark_metrics(trials: pd.DataFrame) -> dict[str, Any]:
     return found
 
 
-def method_settings(experiment: Experiment) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the parameters of every method's 'planner' and 'sampler', by its label."""
+def method_settings(methods: Mapping[str, Method]) -> dict[str, dict[str, Any]]:
+    """Return what pages know of methods, by their labels.
+
+    These are the parameters of 'planner' and 'sampler', and labels: those of what a method is 'compared_with', and
+    that of the method it is 'tuned_from', or None.
+    """
     return {
-        method.label: {"planner": dict(method.planner.parameters), "sampler": dict(method.sampler.parameters)}
-        for method in experiment.methods.values()
+        method.label: {
+            "planner": dict(method.planner.parameters),
+            "sampler": dict(method.sampler.parameters),
+            "compared_with": [methods[key].label for key in method.compared_with],
+            "tuned_from": methods[method.tuned_from].label if method.tuned_from else None,
+        }
+        for method in methods.values()
     }
 
 
@@ -189,14 +165,14 @@ def sample_clouds(
 
     Keys are "<scenario>/<label>" (N, n), "<scenario>/start" and "<scenario>/goal" (n,).
     """
-    adherence = next(iter(experiment.adherences.values()))
+    adherence = next(iter(experiment.run(experiment.adherences).values()))
+    manifold = Manifold(adherence, environment.margin, environment.self_margin)
     clouds: dict[str, np.ndarray] = {}
-    for scenario, rows in problems.groupby("scenario", sort=False):
-        problem = rows.iloc[0]
-        scene, start, goal = scenes[problem.scene], np.array(problem.start), np.array(problem.goal)
-        space = _space(environment, scene, adherence)
-        clouds[f"{scenario}/start"], clouds[f"{scenario}/goal"] = start, goal
-        for method in experiment.methods.values():
+    for case in cases(environment.name, scenes, problems.drop_duplicates("scenario")):
+        asked = manifold.problem(case)
+        space, scenario = asked.adherence, case.scenario
+        clouds[f"{scenario}/start"], clouds[f"{scenario}/goal"] = asked.start, asked.goal
+        for method in experiment.run(experiment.methods).values():
             planner = method.planner.make(PLANNERS, "planner")
             if not isinstance(planner, FmtStar):
                 continue
@@ -204,10 +180,8 @@ def sample_clouds(
             if isinstance(sampler, Then):
                 sampler.calls = sys.maxsize
             space.reset()
-            sampler.begin(Asked(space, start, goal, scene.name), np.random.default_rng(experiment.seed))
-            batch = replace(planner, samples=count + 2)
-            asked = Problem(space, start, goal, scene.name)
-            clouds[f"{scenario}/{method.label}"] = batch.first_batch(
+            sampler.begin(Asked(space, asked.start, asked.goal, asked.scene), np.random.default_rng(experiment.seed))
+            clouds[f"{scenario}/{method.label}"] = replace(planner, samples=count + 2).first_batch(
                 asked, sampler, Clock(Termination(time_limit=experiment.time_limit))
             )[2:]
     return clouds

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import ConfigError, require
-from pipeline.evaluation.families import Ours, Setting
+from pipeline.evaluation.families import Setting
 from pipeline.evaluation.statistics import summary
 from pipeline.planners import Termination
 from pipeline.robots import Obstacle
-from pipeline.tasks import Task, build, set_up
+from pipeline.tasks import Task, set_up
 
 _BLOCK = 50  # calls timed together: one is as short as reading the clock
 
@@ -70,25 +70,19 @@ def costs_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd.D
     for label, setting in families.items():
         if setting.robot is None:
             continue
-        task = build(setting.family().task(seed, 0).leg)
+        task = next(setting.cases(label, seed, [0])).task
         robot, constraint = task.robot, task.constraint
         few = set_up(replace(task.statement, obstacles=_some(task, upkeep.obstacles)))
         validity = few.validity(setting.margin, setting.self_margin)
         Q = _near(task, np.random.default_rng(seed), upkeep.calls)
         free = np.array([validity.free(q) for q in Q])
         for name, group in (("check, free", Q[free]), ("check, colliding", Q[~free])):
-            rows.append((label, f"{name}, {len(few.obstacles)} obstacles", *_timed(validity.free, group)))
+            checked = _timed(lambda block: [validity.free(q) for q in block], group)  # noqa: B023  # called at once
+            rows.append((label, f"{name}, {len(few.obstacles)} obstacles", *checked))
         random = np.random.default_rng(seed).uniform(*robot.box, (upkeep.calls, robot.dimension))
         reached = constraint.project_batch(random)[1]
-        blocks = [random[i : i + _BLOCK] for i in range(0, len(random), _BLOCK)]
-        times = []
-        for block in blocks:
-            begin = time.perf_counter()
-            constraint.project_batch(block)
-            times.append(1e6 * (time.perf_counter() - begin) / len(block))
         name = f"projection of a random configuration ({100 * reached.mean():.3g} % converge)"
-        found = summary(np.array(times))
-        rows.append((label, name, len(random), found.median, found.p95))
+        rows.append((label, name, *_timed(constraint.project_batch, random)))
     return pd.DataFrame(rows, columns=["family", "part", "n", "median [us]", "p95 [us]"])
 
 
@@ -100,12 +94,11 @@ def _some(task: Task, count: int) -> tuple[Obstacle, ...]:
 
 def memory_line(upkeep: Upkeep, label: str, setting: Setting, seed: int) -> str:
     """Plan many tasks one after the other and say how resident memory grew."""
-    family, ours = setting.family(), Ours(setting, next(iter(setting.adherences.values())))
-    tasks = [build(family.task(seed, number).leg) for number in range(20)]
+    ours, cases = setting.ours(next(iter(setting.adherences))), list(setting.cases(label, seed, range(20)))
     warm = upkeep.plans // 10
     sizes = []
     for number in range(upkeep.plans + warm):
-        ours.plan(tasks[number % len(tasks)], Termination(time_limit=setting.time_limit), number)
+        ours.plan(cases[number % len(cases)], Termination(time_limit=setting.time_limit), number)
         if number >= warm - 1:
             sizes.append(_resident())
     return (
@@ -118,15 +111,15 @@ def overrun_table(upkeep: Upkeep, families: dict[str, Setting], seed: int) -> pd
     """Return by how much plans exceed short time limits, a row per family and limit [ms]."""
     rows = []
     for label, setting in families.items():
-        family, ours = setting.family(), Ours(setting, next(iter(setting.adherences.values())))
-        tasks = [build(family.task(seed, number).leg) for number in range(upkeep.limited)]
+        ours = setting.ours(next(iter(setting.adherences)))
+        asked = list(setting.cases(label, seed, range(upkeep.limited)))
         for limit in upkeep.limits:
             over, solved = [], 0
-            for number, task in enumerate(tasks):
-                result = ours.plan(task, Termination(time_limit=limit), number)
+            for number, case in enumerate(asked):
+                result = ours.plan(case, Termination(time_limit=limit), number)
                 solved += result.solved
                 over.append(1e3 * max(result.planning_time - limit, 0.0))
-            rows.append((label, 1e3 * limit, len(tasks), solved, float(np.median(over)), max(over)))
+            rows.append((label, 1e3 * limit, len(asked), solved, float(np.median(over)), max(over)))
     columns = ["family", "limit [ms]", "n", "solved", "overrun median [ms]", "overrun largest [ms]"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -141,15 +134,13 @@ def _near(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _timed(call: Callable[[np.ndarray], Any], Q: np.ndarray) -> tuple[int, float, float]:
+    """Return how many configurations (m, n) there are, and what blocks of them cost each, median and p95 [us]."""
     times = []
     for first in range(0, len(Q), _BLOCK):
-        block = list(Q[first : first + _BLOCK])
+        block = Q[first : first + _BLOCK]
         begin = time.perf_counter()
-        for q in block:
-            call(q)
+        call(block)
         times.append(1e6 * (time.perf_counter() - begin) / len(block))
-    if not times:
-        return 0, np.nan, np.nan
     found = summary(np.array(times))
     return len(Q), found.median, found.p95
 

@@ -43,14 +43,14 @@ def record_trials(
 ) -> list[Path]:
     """Write the first `count` solved trials of every scenario, method and adherence, and a layout to open them with."""
     code, versions = commit(), planning_versions()
-    starts: Any = problems.set_index(["scene", "problem"])
+    starts: Any = problems.set_index(["scene", "problem", "leg"])
     written = []
     for keys, rows in trials[trials.solved].groupby(["scenario", "method", "adherence"], sort=False):
         tuples: Any = rows.head(count).itertuples()  # pandas types its fields as any scalar
         for row in tuples:
-            problem = starts.loc[(row.scene, row.problem)]
+            problem = starts.loc[(row.scene, row.problem, row.leg)]
             path = unflatten(pd.Series({"path": row.path, "waypoints": row.waypoints, "dimension": row.dimension}))
-            setup = set_up(scenes[row.scene].statement)
+            setup = set_up(scenes[row.scene].legs[row.leg])
             spheres = [e.radius for e in setup.equations if isinstance(e, OnSphere)]
             recording = Recording(
                 robot=setup.robot,

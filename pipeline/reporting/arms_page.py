@@ -6,8 +6,9 @@ from typing import Any
 import pandas as pd
 
 from pipeline.environments.torus import Mazes
-from pipeline.evaluation.arm_contest import ORDINARY, ROBOPLAN, ArmContest, arm_table, ratio_lines
+from pipeline.evaluation.arm_contest import ORDINARY, ROBOPLAN, ArmContest, arm_table, of_role, ratio_lines
 from pipeline.evaluation.roboplan_peer import DIFFERENCES
+from pipeline.evaluation.routes import Role
 from pipeline.evaluation.upkeep import Maintained
 from pipeline.reporting.markdown import escape
 from pipeline.reporting.performance_page import describe, table
@@ -100,7 +101,7 @@ def arms_page(
         f"Families of tasks, ours beside peers. Seed {contest.seed}, tolerance 0.001 (rad or m).",
         "## At a glance", GLANCE, table(glance(trials)),
         "## How much faster", "\n".join(f"- {escape(line)}" for line in ratio_lines(trials)),
-        "## Families", NOTE + ("" if trials["route"].str.startswith(ROBOPLAN).any() else WITHOUT),
+        "## Families", NOTE + ("" if (trials["planner"] == ROBOPLAN).any() else WITHOUT),
     ]  # fmt: skip
     for name, setting in contest.families.items():
         here = compared[compared["family"] == name]
@@ -125,34 +126,33 @@ def arms_page(
 def glance(trials: pd.DataFrame) -> pd.DataFrame:
     """Return a row per family: the task, and how fast and how often ours, the best peer and OMPL solve it."""
     rows = []
-    for family, group in trials.groupby("family", sort=False):
-        ours, *_ = group["route"]  # the first route planned
-        medians = group.groupby("route", sort=False)["time"].median()
-        peers = medians[[route for route in medians.index if not route.startswith("ours")]]
+    for family, group in trials.groupby("environment", sort=False):
+        medians = group.groupby("method", sort=False)["planning_time"].median()
+        peers = medians[of_role(group, Role.PEER)]
         best = "" if peers.empty else str(peers.idxmin())
         rows.append((
-            TASKS.get(str(family), str(family)), _cell(group, ours),
-            _cell(group, best) + (f", {best}" if best else ""), _cell(group, ORDINARY), group["task"].nunique(),
+            TASKS.get(str(family), str(family)), _cell(group, of_role(group, Role.OURS)[0]),
+            _cell(group, best) + (f", {best}" if best else ""), _cell(group, ORDINARY), group["problem"].nunique(),
         ))  # fmt: skip
     return pd.DataFrame(rows, columns=["task", "ours", "best peer", "OMPL", "n"])
 
 
 def _cell(group: pd.DataFrame, route: str) -> str:
     """Write the median time and the share of verified paths of a route; a dash where it planned nothing."""
-    rows = group[group["route"] == route]
+    rows = group[group["method"] == route]
     if rows.empty:
         return NONE
-    fewer = "" if len(rows) == group["task"].nunique() else f" of {len(rows)}"
-    return f"{number(1e3 * rows['time'].median())} ms ({100 * rows['verified_own'].mean():.0f} %{fewer})"
+    fewer = "" if len(rows) == group["problem"].nunique() else f" of {len(rows)}"
+    return f"{number(1e3 * rows['planning_time'].median())} ms ({100 * rows['solved_own'].mean():.0f} %{fewer})"
 
 
 def _refused(trials: pd.DataFrame) -> pd.DataFrame:
     """Return how many paths that planners claimed were refused, by route, geometry and reason."""
     refused = []
     for geometry, suffix in (("its own", "_own"), ("ours", "")):
-        rows = trials[trials["claimed"] & ~trials[f"verified{suffix}"]]
-        names = {f"reason{suffix}": "reason"}
-        refused.append(rows[["family", "route", *names]].rename(columns=names).assign(geometry=geometry))
+        rows = trials[trials["claimed"] & ~trials[f"solved{suffix}"]]
+        names = {"environment": "family", "method": "route", f"failure{suffix}": "reason"}
+        refused.append(rows[list(names)].rename(columns=names).assign(geometry=geometry))
     columns = ["family", "route", "geometry", "reason"]
     return pd.concat(refused).groupby(columns, sort=False).size().reset_index(name="paths")
 

@@ -9,7 +9,7 @@ from pipeline.evaluation.choices import choices_table, equal_sizes_table
 from pipeline.evaluation.tuning import RULE, Settings, tuned
 from pipeline.reporting import sphere_pictures as pictures
 from pipeline.reporting import tables, text, verdict
-from pipeline.reporting.frames import CLASSICAL, OURS, TUNED, both_solved, check_trials, method_pairs, ordered, pair
+from pipeline.reporting.frames import both_solved, check_trials, method_pairs, ordered, pair
 from pipeline.reporting.markdown import Illustration, Provenance, Section, escape, page
 from pipeline.reporting.paper import Paper
 
@@ -53,7 +53,7 @@ def environment_page(
         illustrations: of `environment_figures` and `sphere_stills`, by name; those that are missing are left out.
         provenance: commit, profile, machine, and the commands of 'benchmark', 'train' and 'report'.
         choices: trials of the variants on validation scenes.
-        settings: parameters of each method's 'planner' and 'sampler', by its label.
+        settings: of the methods, by `pipeline.evaluation.trials.method_settings`.
         tried: those of each variant of `choices`, with its 'base'.
         paper: the title, and what to compare with.
 
@@ -74,8 +74,8 @@ def environment_page(
         return [illustrations[name] for name in names if name in illustrations]
 
     sections = [
-        Section("Summary", [*shown(*scenarios[:1]), *_summary(trials, verdicts), machine], benchmark),
-        Section("What was run", [_runs(trials, paper), _settings(settings)], benchmark),
+        Section("Summary", [*shown(*scenarios[:1]), *_summary(trials, verdicts, settings), machine], benchmark),
+        Section("What was run", [_runs(trials, paper), _settings(trials, settings)], benchmark),
     ]
     for scenario, result in results.items():
         of = f" ({paper.scenarios[scenario]})" if scenario in paper.scenarios else ""
@@ -89,14 +89,14 @@ def environment_page(
             parts += [f"### {name}, {scenario}", _known(result[list(columns)], paper)]
         parts += [escape(tables.RESULTS_NOTE), machine, *(shown(scenario) if scenario != scenarios[0] else [])]
         sections.append(Section(f"Results: {scenario}{of}", parts, benchmark))
-    paired = _known(tables.paired_table(trials, paper), paper)
+    paired = _known(tables.paired_table(trials, paper, settings), paper)
     sections += [
         Section(
             "Learned against classical, problem by problem", [paired, escape(tables.PAIRED_NOTE), machine], benchmark
         ),
         Section(
             "Where the time of the learned methods goes",
-            [*_shares(trials, paper.unit), *_tails(trials, settings), _ENCODING_NOTE, machine],
+            [*_shares(trials, settings, paper.unit), *_tails(trials, settings), _ENCODING_NOTE, machine],
             benchmark,
         ),
         Section(
@@ -107,7 +107,7 @@ def environment_page(
                 if any(_GROUPLESS in name for name in choices["method"])
                 else _CHOICES_NOTE,
                 choices_table(choices, paper.unit),
-                *_equal_sizes(choices, tried, paper.unit),
+                *_equal_sizes(choices, tried, settings, paper.unit),
                 "### Which settings are measured, and by which rule",
                 *_chosen(choices, tried, settings),
                 machine,
@@ -139,30 +139,31 @@ def environment_summary(
     trials: pd.DataFrame,
     illustrations: Mapping[str, Illustration],
     provenance: Provenance,
+    settings: Settings,
     paper: Paper,
 ) -> Section:
-    """Return the section of the index: the first picture and the expectations.
+    """Return the section of the index: the first picture and the expectations; see `environment_page`.
 
     Raises:
         ArtifactError: columns are missing or unknown.
     """
     first = [illustrations[s] for s in ordered(trials["scenario"], "scenario") if s in illustrations][:1]
-    parts = [*first, *_summary(trials, verdict.verdict_table(trials, paper))]
+    parts = [*first, *_summary(trials, verdict.verdict_table(trials, paper), settings)]
     return Section(paper.title, parts, provenance.commands.get("benchmark", ""))
 
 
-def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame) -> list[str | pd.DataFrame]:
+def _summary(trials: pd.DataFrame, verdicts: pd.DataFrame, settings: Settings) -> list[str | pd.DataFrame]:
     if trials.empty:
         return ["There are no trials."]
     if verdicts.empty:
-        return [*_headline(trials)]
+        return [*_headline(trials, settings)]
     summary = verdict.verdict_summary(verdicts)
     met, missed = (int((summary["met"] == answer).sum()) for answer in (verdict.YES, verdict.NO))
     open_ones = len(summary) - met - missed
     each = len(summary) // summary["scenario"].nunique()
     sentence = f"Of {len(summary)} expectations ({each} per scenario), met: {met}; not met: {missed}"
     sentence += f"; not to be compared: {open_ones}." if open_ones else "."
-    return [*_headline(trials), sentence, summary, escape(verdict.SUMMARY_NOTE)]
+    return [*_headline(trials, settings), sentence, summary, escape(verdict.SUMMARY_NOTE)]
 
 
 def _runs(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
@@ -179,14 +180,18 @@ def _runs(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _settings(settings: Settings) -> pd.DataFrame:
+def _settings(trials: pd.DataFrame, settings: Settings) -> pd.DataFrame:
     return pd.DataFrame(
         [
             {
                 "method": method,
-                **{f"its {part}": ", ".join(f"{k} = {v}" for k, v in parts[part].items()) for part in parts},
+                **{
+                    f"its {part}": ", ".join(f"{k} = {v}" for k, v in parts[part].items())
+                    for part in ("planner", "sampler")
+                },
             }
             for method, parts in settings.items()
+            if trials.empty or method in set(trials["method"])
         ]
     )
 
@@ -196,45 +201,64 @@ def _known(table: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     return table if paper.results else table[[name for name in table if not str(name).startswith("paper: ")]]
 
 
-def _equal_sizes(choices: pd.DataFrame, tried: Settings, unit: str) -> list[str | pd.DataFrame]:
-    if choices.empty or not {parts["base"] for parts in tried.values()} >= {CLASSICAL, OURS}:
+def _tuned_alike(settings: Settings) -> tuple[str, list[str]]:
+    """Return the method that has a baseline tuned as it was, with all its baselines; nothing where there is none."""
+    for method, parts in settings.items():
+        if any(settings[baseline]["tuned_from"] for baseline in parts["compared_with"]):
+            return method, parts["compared_with"]
+    return "", []
+
+
+def _equal_sizes(choices: pd.DataFrame, tried: Settings, settings: Settings, unit: str) -> list[str | pd.DataFrame]:
+    learned, baselines = _tuned_alike(settings)
+    bases = [settings[baseline]["tuned_from"] or baseline for baseline in baselines][:1]
+    if choices.empty or not bases or not {parts["base"] for parts in tried.values()}.issuperset((*bases, learned)):
         return []
-    return [escape(_SIZES_NOTE), equal_sizes_table(choices, tried, CLASSICAL, OURS, unit)]
+    return [escape(_SIZES_NOTE), equal_sizes_table(choices, tried, bases[0], learned, unit)]
 
 
 def _chosen(choices: pd.DataFrame, tried: Settings, settings: Settings) -> list[str]:
     """Say what the rule chooses among the variants of each base, and whether that is what was measured."""
     if choices.empty:
         return ["Nothing was tried."]
-    measured = {CLASSICAL: TUNED} if TUNED in settings else {}  # the base itself is measured as the paper has it
+    # The base itself is measured as the paper has it.
+    measured = {parts["tuned_from"]: method for method, parts in settings.items() if parts["tuned_from"]}
     bases = list(dict.fromkeys(str(parts["base"]) for parts in tried.values()))
     found = [tuned(choices, tried, base, settings, measured.get(base, base)) for base in bases]
     lines = [f"- {escape(choice.sentence)}" for choice in found if choice is not None]
     return [f"One rule for all, on the same problems: {RULE}", *(["\n".join(lines)] if lines else [])]
 
 
-def _headline(trials: pd.DataFrame) -> list[str]:
+def _headline(trials: pd.DataFrame, settings: Settings) -> list[str]:
     """Say how much faster ours is than the baseline tuned alike, and, beside it, than in the paper's setting."""
-    lines = []
+    lines, (ours, baselines) = [], _tuned_alike(settings)
     for scenario in ordered(trials["scenario"], "scenario"):
         for adherence in ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence"):
             said = []
-            for baseline, name in ((TUNED, "tuned by the same rule"), (CLASSICAL, "in the paper's setting")):
-                fast, slow, scenes = both_solved(pair(trials, scenario, adherence, OURS, baseline), "planning_time")
+            for baseline in baselines:
+                fast, slow, scenes = both_solved(pair(trials, scenario, adherence, ours, baseline), "planning_time")
                 if len(fast):
-                    ratio = paired_interval(slow, fast, scenes, Comparison.RATIO)
-                    said.append(f"{text.interval(ratio, '×')} as fast as {escape(CLASSICAL)} {name} (n = {len(fast)})")
+                    ratio, base = (
+                        paired_interval(slow, fast, scenes, Comparison.RATIO),
+                        settings[baseline]["tuned_from"],
+                    )
+                    name = (
+                        f"{escape(base)} tuned by the same rule"
+                        if base
+                        else f"{escape(baseline)} in the paper's setting"
+                    )
+                    said.append(f"{text.interval(ratio, '×')} as fast as {name} (n = {len(fast)})")
             if said:
                 lines.append(f"- {scenario}, {adherence.replace('_', ' ')}: {'; '.join(said)}")
-    return [f"Ratios of median times of {escape(OURS)}, 95 % intervals over scenes:", "\n".join(lines)] if lines else []
+    return [f"Ratios of median times of {escape(ours)}, 95 % intervals over scenes:", "\n".join(lines)] if lines else []
 
 
-def _shares(trials: pd.DataFrame, unit: str) -> list[str]:
+def _shares(trials: pd.DataFrame, settings: Settings, unit: str) -> list[str]:
     """Say in sentences what the network costs beside the whole classical plan, and what it saves in checks."""
     # The first plan in a scene encodes it; that one is the warm-up, which is not measured.
     said = []
     for scenario in ordered(trials["scenario"], "scenario"):
-        for learned, classical in method_pairs(trials["method"]):
+        for learned, classical in method_pairs(trials["method"], settings):
             part = trials[trials["scenario"] == scenario]
             ours, theirs = part[part["method"] == learned], part[part["method"] == classical]
             if ours.empty or theirs.empty:
@@ -260,7 +284,7 @@ def _tails(trials: pd.DataFrame, settings: Settings) -> list[str]:
     """Say in sentences how often batch planners need more than their first batch, and what the slowest plans weigh."""
     sizes, said, told = _first_batches(settings), [], set[tuple[str, str]]()
     for scenario in ordered(trials["scenario"], "scenario"):
-        for learned, classical in method_pairs(trials["method"]):
+        for learned, classical in method_pairs(trials["method"], settings):
             if learned not in sizes or classical not in sizes:
                 continue
             for method in (name for name in (classical, learned) if (scenario, name) not in told):

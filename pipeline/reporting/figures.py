@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.evaluation import success_interval
-from pipeline.reporting.frames import CURVE_COLUMNS, LEARNED, check, check_trials, ordered
+from pipeline.reporting.frames import CURVE_COLUMNS, check, check_trials, ordered
 from pipeline.reporting.panels import Place, draw_panels, nothing, plain_log
-from pipeline.reporting.paper import Paper, PaperResult
+from pipeline.reporting.paper import Paper
 from pipeline.reporting.style import color, new_figure, save, style
 
 __all__ = ["length_boxes", "save", "solved_over_time", "success_bars", "time_boxes", "training_curves"]
@@ -31,10 +31,13 @@ def time_boxes(trials: pd.DataFrame, paper: Paper) -> Figure:
         axes.set_yscale("log")
         return _box(axes, place, "planning_time")
 
-    def printed(result: PaperResult) -> float | None:
-        return None if result.time is None else result.time[0]
-
-    figure = draw_panels(trials, "planning time,\nsolved trials [s]", draw, paper, printed)
+    figure = draw_panels(
+        trials,
+        "planning time,\nsolved trials [s]",
+        draw,
+        paper,
+        lambda said: None if said.time is None else said.time[0],
+    )
     for axes in figure.axes:
         plain_log(axes.yaxis, *axes.get_ylim())
     return figure
@@ -42,14 +45,13 @@ def time_boxes(trials: pd.DataFrame, paper: Paper) -> Figure:
 
 def length_boxes(trials: pd.DataFrame, paper: Paper) -> Figure:
     """Draw path lengths of the solved trials, one box per method and adherence, one panel per scenario."""
-
-    def draw(axes: Axes, place: Place) -> int:
-        return _box(axes, place, "path_length")
-
-    def printed(result: PaperResult) -> float | None:
-        return None if result.length is None else result.length[0]
-
-    figure = draw_panels(trials, f"path length,\nsolved trials [{paper.unit}]", draw, paper, printed)
+    figure = draw_panels(
+        trials,
+        f"path length,\nsolved trials [{paper.unit}]",
+        lambda axes, place: _box(axes, place, "path_length"),
+        paper,
+        lambda said: None if said.length is None else said.length[0],
+    )
     for axes in figure.axes:
         axes.set_ylim(bottom=0)  # after the boxes: a limit set before them would end matplotlib's scaling of the top
     return figure
@@ -69,10 +71,8 @@ def success_bars(trials: pd.DataFrame, paper: Paper) -> Figure:
             axes.text(place.x, 4, f"{100 * rate.estimate:.4g} %", ha="center", fontsize=8, bbox=_TAG)
         return n
 
-    def printed(result: PaperResult) -> float | None:
-        return None if result.success is None else 100 * result.success
-
-    return draw_panels(trials, "trials solved,\nverified [%]", draw, paper, printed)
+    label = "trials solved,\nverified [%]"
+    return draw_panels(trials, label, draw, paper, lambda said: None if said.success is None else 100 * said.success)
 
 
 def solved_over_time(trials: pd.DataFrame) -> Figure:
@@ -150,7 +150,9 @@ def _progress(axes: Axes, group: pd.DataFrame, methods: list[str], ticks: np.nda
         if len(tried):
             found = np.sort(tried.loc[tried["solved"].astype(bool), "planning_time"].to_numpy(float))
             share = 100 * np.searchsorted(found, ticks, side="right") / len(tried)
-            line = "-" if method.startswith(LEARNED) else "--"  # a second cue beside the colour
+            line = (
+                "-" if (tried["network_time"] > 0).any() else "--"
+            )  # a second cue beside the colour: whether it learned
             axes.plot(ticks, share, line, color=color(method, methods), linewidth=1.8, label=method)
     axes.set_xscale("log")
     axes.set_ylim(-3, 103)

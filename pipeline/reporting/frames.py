@@ -7,26 +7,16 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import ArtifactError
+from pipeline.evaluation.runner import COLUMNS, PATH
+from pipeline.evaluation.tuning import Settings
 from pipeline.files import read_json
 
-TRIAL_COLUMNS = (
-    "environment", "scenario", "scene", "problem", "method", "planner", "sampler", "adherence", "seed", "status",
-    "claimed", "solved", "rejection", "planning_time", "network_time", "path_length", "iterations", "traversals",
-    "projections", "collision_checks", "samples", "fallback_samples", "nearest_queries", "network_calls", "charts",
-    "repairs", "max_violation", "min_clearance",
-)  # fmt: skip
-PATH_COLUMNS = ("scenario", "scene", "problem", "method", "adherence", "path", "waypoints", "dimension")
+TRIAL_COLUMNS = COLUMNS
+PATH_COLUMNS = ("scenario", "scene", "problem", "leg", "method", "adherence", *PATH)
 CURVE_COLUMNS = ("epoch", "train_loss", "val_loss")
 
-LEARNED = "CoMPNetX-"  # names of learned methods begin with this
-OURS, LITERAL = f"{LEARNED}FMT*", f"{LEARNED}FMT*, Algorithm 6"
-TUNED, CLASSICAL = "FMT*, tuned", "FMT*"  # as ours is, on validation scenes; the paper's own setting
-COMPARISONS = (  # learned, classical; first those in which both are tuned alike
-    (OURS, TUNED), (OURS, CLASSICAL), (LITERAL, TUNED), (LITERAL, CLASSICAL), (f"{LEARNED}RRTConnect", "RRTConnect"),
-)  # fmt: skip
-_ORDER = {
+_ORDER: dict[str, tuple[str, ...]] = {
     "scenario": ("blocks", "bands"),
-    "method": (OURS, LITERAL, TUNED, CLASSICAL, "CoMPNetX-RRTConnect", "RRTConnect"),
     "adherence": ("projection", "atlas", "tangent_bundle"),
 }
 
@@ -66,10 +56,21 @@ def check_trials(trials: pd.DataFrame) -> None:
 
 
 def ordered(values: Iterable[str], kind: str) -> list[str]:
-    """Return the distinct values in the order of the paper ('scenario', 'method', 'adherence'), others at the end."""
-    known = _ORDER[kind]
-    distinct = sorted(set(values))
+    """Return the distinct values in the order of the paper ('scenario', 'adherence'), others behind as they come."""
+    known, distinct = _ORDER.get(kind, ()), dict.fromkeys(values)
     return [v for v in known if v in distinct] + [v for v in distinct if v not in known]
+
+
+def in_order(frame: pd.DataFrame, settings: Settings) -> pd.DataFrame:
+    """Return trials or paths with methods in the order in which pages show them, each one's rows as they came.
+
+    Methods that are compared with the same others stand together, and before these; what is not compared stands last.
+    """
+    sides = [parts["compared_with"] for parts in settings.values() if parts["compared_with"]]
+    compared = [(*(m for m, parts in settings.items() if parts["compared_with"] == side), *side) for side in sides]
+    order = dict.fromkeys(method for methods in (*compared, settings) for method in methods)
+    place = {method: i for i, method in enumerate(order)}
+    return frame.sort_values("method", key=lambda methods: methods.map(place), kind="stable", ignore_index=True)
 
 
 def groups(trials: pd.DataFrame, scenario: str) -> Iterator[tuple[str, str, pd.DataFrame]]:
@@ -81,10 +82,11 @@ def groups(trials: pd.DataFrame, scenario: str) -> Iterator[tuple[str, str, pd.D
             yield method, adherence, part[(part["method"] == method) & (part["adherence"] == adherence)]
 
 
-def method_pairs(methods: Iterable[str]) -> list[tuple[str, str]]:
-    """Return (learned, classical) for every comparison of which both methods are present."""
+def method_pairs(methods: Iterable[str], settings: Settings) -> list[tuple[str, str]]:
+    """Return (method, what it is compared with) for every comparison of which both methods are present."""
     present = set(methods)
-    return [(learned, classical) for learned, classical in COMPARISONS if {learned, classical} <= present]
+    pairs = [(label, other) for label, parts in settings.items() for other in parts["compared_with"]]
+    return [pair for pair in pairs if present.issuperset(pair)]
 
 
 def pair(trials: pd.DataFrame, scenario: str, adherence: str, first: str, second: str) -> pd.DataFrame:
@@ -92,13 +94,13 @@ def pair(trials: pd.DataFrame, scenario: str, adherence: str, first: str, second
 
     Where a problem was tried several times, the k-th seed of one method meets the k-th seed of the other.
     """
-    key = ["scene", "problem", "repetition"]
+    key = ["scene", "problem", "leg", "repetition"]
     part = trials[(trials["scenario"] == scenario) & (trials["adherence"] == adherence)]
     part = part.sort_values("seed", kind="stable").assign(solved=part["solved"].astype(bool))
     sides = []
     for method in (first, second):
         side = part[part["method"] == method]
-        sides.append(side.assign(repetition=side.groupby(["scene", "problem"]).cumcount()))
+        sides.append(side.assign(repetition=side.groupby(["scene", "problem", "leg"]).cumcount()))
     joined = sides[0].merge(sides[1], on=key, suffixes=("_1", "_2"))
     return joined.sort_values(key, ignore_index=True)
 

@@ -70,6 +70,8 @@ class Paper:
         scenarios: what each scenario is in the paper.
         same: our names of methods that the paper has under another name: its name.
         faster, shorter: pairs of methods of which the first is expected to plan faster, and to find shorter paths.
+        by_ratio: pairs of which the first is expected to plan faster by at least the ratio of the paper's mean times.
+        drawn: methods whose paths its picture draws.
         results: what it says.
     """
 
@@ -80,6 +82,8 @@ class Paper:
     same: dict[str, str] = field(default_factory=dict)
     faster: tuple[tuple[str, str], ...] = ()
     shorter: tuple[tuple[str, str], ...] = ()
+    by_ratio: tuple[tuple[str, str], ...] = ()
+    drawn: tuple[str, ...] = ()
     results: tuple[PaperResult, ...] = ()
 
     def find(self, scenario: str, method: str, adherence: str) -> PaperResult | None:

@@ -10,6 +10,7 @@ from pipeline.errors import ArtifactError
 from pipeline.reporting import text
 from pipeline.reporting.frames import PATH_COLUMNS, check, check_trials, ordered, path_array
 from pipeline.reporting.markdown import Illustration
+from pipeline.reporting.paper import Paper
 from pipeline.reporting.scene_still import draw_path
 from pipeline.reporting.sphere_pictures import sphere_stills, typical_problems
 from pipeline.reporting.stills import Stills
@@ -25,6 +26,7 @@ def path_pictures(
     samples: Mapping[str, np.ndarray],
     folder: Path,
     stills: Stills,
+    paper: Paper,
 ) -> dict[str, Illustration]:
     """Draw what fits the environment into `folder`, which lies beside the page; return pictures by scenario.
 
@@ -35,13 +37,14 @@ def path_pictures(
         samples: of the benchmark, see `sphere_stills`.
         folder: to draw into.
         stills: draws globes.
+        paper: says which methods' paths they show.
 
     Raises:
         ArtifactError: columns are missing or unknown, a scene is not there, or a solved trial has no path.
     """
     if all(any(isinstance(e, OnSphere) for e in scene.statement.equations) for scene in scenes.values()):
         obstacles = {name: scene.obstacles for name, scene in scenes.items()}
-        return sphere_stills(trials, paths, obstacles, samples, folder, stills)
+        return sphere_stills(trials, paths, obstacles, samples, folder, stills, paper.drawn)
     return robot_stills(trials, paths, scenes, folder, stills.plain)
 
 

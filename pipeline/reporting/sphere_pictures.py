@@ -18,7 +18,6 @@ from pipeline.reporting.paper import Paper
 from pipeline.reporting.stills import Stills
 from pipeline.robots import Obstacle
 
-DRAWN = ("CoMPNetX-FMT*", "FMT*", "RRTConnect")  # what the paper's Fig. 7 draws
 SUCCESS, TIME, LENGTH, PROGRESS, TRAINING = "success", "time", "length", "solved_over_time", "training"
 SAMPLES = "samples_"  # and the scenario
 _LOG = logging.getLogger(__name__)
@@ -90,6 +89,7 @@ def sphere_stills(
     samples: Mapping[str, np.ndarray],
     folder: Path,
     stills: Stills,
+    drawn: Sequence[str],
     adherence: str = "atlas",
     columns: int = 3,
 ) -> dict[str, Illustration]:
@@ -104,6 +104,7 @@ def sphere_stills(
         samples: of the benchmark: "<scenario>/<method>" (N, 3), "<scenario>/start" and "<scenario>/goal" (3,) [m].
         folder: beside the page.
         stills: draws.
+        drawn: methods whose paths are drawn, of those that there are.
         adherence: whose paths are drawn (the paper draws atlas).
         columns: problems side by side.
 
@@ -115,7 +116,7 @@ def sphere_stills(
     found = {}
     for scenario in ordered(trials["scenario"], "scenario"):
         present = set(trials.loc[trials["scenario"] == scenario, "method"])
-        methods = [method for method in DRAWN if method in present]
+        methods = [method for method in drawn if method in present]
         chosen, candidates = typical_problems(trials, scenario, adherence, methods, columns)
         if not chosen:
             continue
@@ -128,15 +129,15 @@ def sphere_stills(
             f"them solved, evenly spread by the length of the path of {methods[0]}. Drawn by {how}."
         )
         found[scenario] = Illustration(f"{folder.name}/{name}.png", f"Paths, scenario '{scenario}'", caption)
-    for scenario, sampled in sampled_by_scenario(samples).items():
+    for scenario, sampled in sampled_by_scenario(samples, ordered(trials["method"], "method")).items():
         picture = _samples(trials, paths, obstacles, scenario, sampled, folder, stills)
         if picture is not None:
             found[SAMPLES + scenario] = picture
     return found
 
 
-def sampled_by_scenario(samples: Mapping[str, np.ndarray]) -> dict[str, Sampled]:
-    """Sort the benchmark's arrays of samples by scenario.
+def sampled_by_scenario(samples: Mapping[str, np.ndarray], methods: Sequence[str]) -> dict[str, Sampled]:
+    """Sort the benchmark's arrays of samples by scenario, and those of methods by the order of these.
 
     Raises:
         ArtifactError: a name that is not "<scenario>/<method>", or a scenario without start or goal.
@@ -154,7 +155,7 @@ def sampled_by_scenario(samples: Mapping[str, np.ndarray]) -> dict[str, Sampled]
         if missing:
             raise ArtifactError(f"samples: scenario {scenario!r} has no {' and no '.join(missing)}; got {list(arrays)}")
     return {
-        scenario: Sampled(arrays.pop("start"), arrays.pop("goal"), {m: arrays[m] for m in ordered(arrays, "method")})
+        scenario: Sampled(arrays.pop("start"), arrays.pop("goal"), {m: arrays[m] for m in methods if m in arrays})
         for scenario, arrays in sorted_.items()
     }
 

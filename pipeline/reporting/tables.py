@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.evaluation import Comparison, mcnemar, paired_interval, success_interval, summary
+from pipeline.evaluation.tuning import Settings
 from pipeline.reporting import text
 from pipeline.reporting.frames import both_solved, check_trials, groups, method_pairs, ordered, pair
 from pipeline.reporting.paper import Paper, PaperResult
@@ -71,8 +72,8 @@ def results_table(trials: pd.DataFrame, paper: Paper) -> dict[str, pd.DataFrame]
     return tables
 
 
-def paired_table(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
-    """Compare every learned method with its classical counterpart, problem by problem, per scenario and adherence.
+def paired_table(trials: pd.DataFrame, paper: Paper, settings: Settings) -> pd.DataFrame:
+    """Compare methods with those that settings name, problem by problem, per scenario and adherence.
 
     Raises:
         ArtifactError: columns are missing or unknown.
@@ -81,7 +82,7 @@ def paired_table(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     rows, shorter_by = [], f"difference of median lengths, both solved (learned - classical) [{paper.unit}]"
     for scenario in ordered(trials["scenario"], "scenario"):
         part = trials[trials["scenario"] == scenario]
-        for learned, classical in method_pairs(part["method"]):
+        for learned, classical in method_pairs(part["method"], settings):
             for adherence in ordered(part["adherence"], "adherence"):
                 pairs = pair(trials, scenario, adherence, learned, classical)
                 fast, slow, scenes = both_solved(pairs, "planning_time")

@@ -1,5 +1,6 @@
 """What was expected of an environment and whether it was met; 'no' is said plainly."""
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -7,14 +8,14 @@ import pandas as pd
 
 from pipeline.evaluation import Center, Comparison, Interval, paired_interval, success_interval, summary
 from pipeline.reporting import text
-from pipeline.reporting.frames import LEARNED, both_solved, check_trials, groups, ordered, pair
+from pipeline.reporting.frames import both_solved, check_trials, groups, ordered, pair
 from pipeline.reporting.paper import Paper
 
 SUCCESS = "success at least the paper's"
 FASTER, SHORTER = "{} faster than {}, by medians", "{}'s paths shorter than {}'s"  # named by conf/paper
-SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio, by medians"
-MEAN_SPEED = "CoMPNetX-FMT* faster than FMT* by at least the paper's ratio, by means as in the paper"
-
+SPEED = "{} faster than {} by at least the paper's ratio, by medians"
+MEAN_SPEED = "{} faster than {} by at least the paper's ratio, by means as in the paper"
+_SPEEDS = ((SPEED, Center.MEDIAN), (MEAN_SPEED, Center.MEAN))
 YES, NO, NO_DATA, NO_NUMBER = "yes", "no", "not measured", "paper gives no number"
 COLUMNS = ("scenario", "expectation", "method", "adherence", "met", "ours", "paper", "remark")
 
@@ -42,10 +43,10 @@ def verdict_table(trials: pd.DataFrame, paper: Paper) -> pd.DataFrame:
     for scenario in ordered(trials["scenario"], "scenario"):
         rows += _success(trials, scenario, paper) if paper.results else []
         adherences = ordered(trials.loc[trials["scenario"] == scenario, "adherence"], "adherence")
-        for learned, classical in paper.faster:
-            rows += [_faster(trials, scenario, adherence, learned, classical) for adherence in adherences]
-        for expectation, center in ((SPEED, Center.MEDIAN), (MEAN_SPEED, Center.MEAN)) if paper.results else ():
-            rows += [_speed(trials, scenario, adherence, paper, expectation, center) for adherence in adherences]
+        for methods in paper.faster:
+            rows += [_faster(trials, scenario, adherence, methods) for adherence in adherences]
+        for methods, (said, center) in itertools.product(paper.by_ratio, _SPEEDS):
+            rows += [_faster(trials, scenario, adherence, methods, said, center, paper) for adherence in adherences]
         for learned, classical in paper.shorter:
             rows += [_shorter(trials, scenario, adherence, learned, classical, paper.unit) for adherence in adherences]
     return pd.DataFrame(rows, columns=list(COLUMNS))
@@ -76,32 +77,25 @@ def _success(trials: pd.DataFrame, scenario: str, paper: Paper) -> Iterator[tupl
         yield (*head, _answer(ours, met), text.rate(ours), said.success_text, _doubt(ours, said.success))
 
 
-def _speed(
+def _faster(
     trials: pd.DataFrame,
     scenario: str,
     adherence: str,
-    paper: Paper,
-    expectation: str,
-    center: Center,
+    methods: tuple[str, str],
+    expectation: str = FASTER,
+    center: Center = Center.MEDIAN,
+    paper: Paper | None = None,
 ) -> tuple[str, ...]:
-    learned, classical = f"{LEARNED}FMT*", "FMT*"
-    fast, slow, scenes = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
+    """Return whether the first method is faster, or as many times as fast as a paper says."""
+    fast, slow, scenes = both_solved(pair(trials, scenario, adherence, *methods), "planning_time")
     ours = paired_interval(slow, fast, scenes, Comparison.RATIO, center)
-    printed = paper.speed_up(scenario, adherence, learned, classical)
-    head = (scenario, expectation, f"{learned} / {classical}", adherence)
+    head, measured = (scenario, expectation.format(*methods), " / ".join(methods), adherence), text.interval(ours, "×")
+    printed = 1.0 if paper is None else paper.speed_up(scenario, adherence, *methods)
     if printed is None:
-        return (*head, NO_NUMBER, text.interval(ours, "×"), text.NONE, "")
-    remark = _join([_doubt(ours, printed), f"n = {len(fast)}"])
-    met = ours.estimate >= printed
-    return (*head, _answer(ours, met), text.interval(ours, "×"), f"{text.fixed(printed, 2)}×", remark)
-
-
-def _faster(trials: pd.DataFrame, scenario: str, adherence: str, learned: str, classical: str) -> tuple[str, ...]:
-    fast, slow, scenes = both_solved(pair(trials, scenario, adherence, learned, classical), "planning_time")
-    ours = paired_interval(slow, fast, scenes, Comparison.RATIO)
-    head = (scenario, FASTER.format(learned, classical), f"{learned} / {classical}", adherence)
-    remark = _join([_doubt(ours, 1.0), f"n = {len(fast)}"])
-    return (*head, _answer(ours, ours.estimate > 1), text.interval(ours, "×"), "faster", remark)
+        return (*head, NO_NUMBER, measured, text.NONE, "")
+    met = ours.estimate > printed if paper is None else ours.estimate >= printed
+    said = "faster" if paper is None else f"{text.fixed(printed, 2)}×"
+    return (*head, _answer(ours, met), measured, said, _join([_doubt(ours, printed), f"n = {len(fast)}"]))
 
 
 def _shorter(

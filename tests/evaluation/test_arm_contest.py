@@ -13,6 +13,7 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.arm_contest import (
     OMPL_OURS,
     ORDINARY,
+    ROBOPLAN,
     TABLE,
     ArmContest,
     Part,
@@ -24,6 +25,7 @@ from pipeline.evaluation.arm_contest import (
 from pipeline.evaluation.families import Setting
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.roboplan_peer import GEOMETRY, RoboplanParameters, RoboplanPeer, load_roboplan
+from pipeline.evaluation.routes import Role
 from pipeline.evaluation.soak import Load, Soak, soak_shard, soak_table, wrong
 from pipeline.evaluation.upkeep import Maintained, Upkeep, maintain
 from pipeline.reporting.arms_page import arms_page, glance
@@ -57,13 +59,13 @@ def test_all_routes_plan_and_are_verified():
     parts = few.shards()
     assert [name for name, _ in parts] == [f"{label}-0" for label in chosen]
     trials = pd.concat([arm_shard(few, part) for _, part in parts], ignore_index=True)
-    ours = trials[trials["route"].str.startswith("ours")]
-    assert set(ours["family"]) == set(few.families) and ours["verified"].mean() > 0.8
-    assert (ours["verified"] == ours["claimed"]).all() and (trials["violation"].dropna() < 1.01e-3).all()
-    assert trials[(trials["family"] == "transport_panda") & (trials["route"] == OMPL_OURS)]["claimed"].all()
-    assert (trials[trials["route"] == ORDINARY].groupby("family").size() == 1).all()
+    ours = trials[trials["role"] != Role.PEER.value]
+    assert set(ours["environment"]) == set(few.families) and ours["solved"].mean() > 0.8
+    assert (ours["solved"] == ours["claimed"]).all() and (trials["max_violation"].dropna() < 1.01e-3).all()
+    assert trials[(trials["environment"] == "transport_panda") & (trials["method"] == OMPL_OURS)]["claimed"].all()
+    assert (trials[trials["method"] == ORDINARY].groupby("environment").size() == 1).all()
     page = arms_page(trials, trials, UPKEPT, few, "the command", hardware())
-    assert all(route in page for route in trials["route"].unique()) and "the command" in page
+    assert all(route in page for route in trials["method"].unique()) and "the command" in page
     assert all(f"### {label}" in page for label in few.families) and "as it was" in page
 
 
@@ -75,8 +77,8 @@ def test_variants_change_one_thing():
     assert few.shards()[-1] == ("tried-transport_panda-0", Part("transport_panda", range(2), True))
     trials = arm_shard(few, few.shards()[-1][1])
     assert trials["tried"].all()
-    assert trials["route"].unique().tolist() == ["as chosen", finer]
-    checks = trials.groupby("route")["checks"].median()
+    assert trials["method"].unique().tolist() == ["as chosen", finer]
+    checks = trials.groupby("method")["collision_checks"].median()
     assert checks[finer] > 2 * checks["as chosen"]
 
 
@@ -91,11 +93,11 @@ def test_soak_of_a_few(tmp_path):
     assert len(rows) == 2 * 2 * 2 * 3  # families, tasks, seeds, methods
     again = soak_shard(soak, shards[0][1])
     pd.testing.assert_frame_equal(again, rows[: len(again)])  # the same paths come out again
-    assert rows["solved"].sum() > 12 and not wrong(rows)
-    assert (rows["short_length"].dropna() <= rows["length"].dropna() + 1e-9).all()
+    assert rows["claimed"].sum() > 12 and not wrong(rows)
+    assert (rows["short_length"].dropna() <= rows["path_length"].dropna() + 1e-9).all()
     table = soak_table(rows)
-    assert table.iloc[-1][["tasks", "plans", "paths", "wrong paths"]].tolist() == [4, 24, rows["solved"].sum(), 0]
-    spoilt = rows.assign(reason=["collision", *rows["reason"][1:]])
+    assert table.iloc[-1][["tasks", "plans", "paths", "wrong paths"]].tolist() == [4, 24, rows["claimed"].sum(), 0]
+    spoilt = rows.assign(failure=["collision", *rows["failure"][1:]])
     assert len(wrong(spoilt)) == 1 and soak_table(spoilt).iloc[-1]["wrong paths"] == 1
     page = soak_page(spoilt, soak, "the command")
     assert ": 1 wrong." in page and "## Wrong" in page and ": 0 wrong." in soak_page(rows, soak, "the command")
@@ -127,12 +129,21 @@ def synthetic() -> pd.DataFrame:
     for problem in range(10):
         for route, scale in (("ours, projection", 1.0), ("peer", 10.0)):
             passed = route != "peer" or problem % 2 == 0
-            told = {"claimed": True, "verified": passed, "reason": "" if passed else "collision"}
-            told |= {"verified_own": passed or problem != 1, "reason_own": "" if passed or problem != 1 else "jump"}
-            counts = {"violation": 5e-4, "checks": 100, "projections": 50, "proven": 20 * passed, "sampled": problem}
-            names = {"family": "transport_panda", "route": route, "task": problem}
-            rows.append({**names, "time": scale * (problem + 1) / 1000, "length": scale + problem, **told, **counts})
+            told = {"claimed": True, "solved": passed, "failure": "" if passed else "collision"}
+            told |= {"solved_own": passed or problem != 1, "failure_own": "" if passed or problem != 1 else "jump"}
+            counts = {"max_violation": 5e-4, "collision_checks": 100, "projections": 50}
+            counts |= {"chords_proven": 20 * passed, "chords_sampled": problem, "path_length": scale + problem}
+            names = {"environment": "transport_panda", "method": route, "planner": route, "problem": problem}
+            names["role"] = (Role.PEER if route == "peer" else Role.OURS).value
+            rows.append({**names, "planning_time": scale * (problem + 1) / 1000, **told, **counts})
     return pd.DataFrame(rows)
+
+
+def peer(label: str, planner: str) -> pd.DataFrame:
+    """The same trials with the peer under another label and of another kind."""
+    trials = synthetic()
+    trials.loc[trials["method"] == "peer", ["method", "planner"]] = label, planner
+    return trials
 
 
 def test_table_and_sentence_say_what_the_trials_say():
@@ -147,16 +158,16 @@ def test_table_and_sentence_say_what_the_trials_say():
     assert glance(synthetic()).to_numpy().tolist() == [
         ["Panda, a level hand among 15 to 40 bodies", "5.50 ms (100 %)", "55.0 ms (90 %), peer", "–", 10]
     ]
-    fewer = synthetic().query("route != 'peer' or task < 4")
+    fewer = synthetic().query("method != 'peer' or problem < 4")
     assert glance(fewer)["best peer"].tolist() == ["25.0 ms (75 % of 4), peer"]
     (line,) = ratio_lines(synthetic())
     assert line.startswith("transport_panda: 10x faster than peer at the median, 10x at p95, n = 10")
-    named = pd.concat([synthetic().replace("peer", ORDINARY), synthetic()[::2].replace("ours, projection", UNPROVEN)])
-    (line,) = ratio_lines(named[named["route"] != "peer"])
+    unproven = synthetic()[::2].assign(method=UNPROVEN, role=Role.UNPROVEN.value)
+    (line,) = ratio_lines(pd.concat([peer(ORDINARY, ORDINARY), unproven]))
     assert "10x at p95 (20x: not met); without proof 10x and 10x, n = 10" in line
-    (line,) = ratio_lines(synthetic().replace("peer", "roboplan, 1"))
+    (line,) = ratio_lines(peer("roboplan, 1", ROBOPLAN))
     assert "(2x of both: met)" in line
-    none = synthetic().assign(claimed=synthetic()["route"] != "peer")
+    none = synthetic().assign(claimed=synthetic()["method"] != "peer")
     assert "10x at p95 (at least: it solved none within the limit), n = 10" in ratio_lines(none)[0]
     said = "passes 90 % of its trials by the geometry it planned with and 50 % by ours, and 100 % of ours"
     assert said in line

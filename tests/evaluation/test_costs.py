@@ -93,8 +93,8 @@ def made_up(ours: float, theirs: float) -> pd.DataFrame:
         for problem, factor in enumerate((0.9, 1.0, 1.1)):
             verified = (route, problem) != (ORDINARY, 2)
             rows.append({
-                "scene": "a", "problem": problem, "planner": "RRTConnect", "adherence": "atlas", "route": route,
-                "delta": delta, "claimed": True, "verified": verified, "planning_time": time * factor,
+                "scene": "a", "problem": problem, "planner": "RRTConnect", "adherence": "atlas", "method": route,
+                "delta": delta, "claimed": True, "solved": verified, "planning_time": time * factor,
                 "path_length": factor + (route == OURS) if verified else np.nan,
             })  # fmt: skip
     return pd.DataFrame(rows)
@@ -249,7 +249,7 @@ def test_goal_is_met_or_not(ours, theirs, verdict):
 def test_goal_is_that_of_equal_spacing(bound, met):
     """Where ours also plans with OMPL's spacing both ratios are told, and that of equal spacing must reach the goal."""
     trials = made_up(0.1, 0.8)
-    same = trials[trials["route"] == OURS].assign(route=SAME, delta=0.05)
+    same = trials[trials["method"] == OURS].assign(method=SAME, delta=0.05)
     same["planning_time"] /= 2
     table = planning_table(pd.concat([trials, same]))
     assert list(table["route"]) == [OURS, ORDINARY, SAME]
@@ -262,7 +262,7 @@ def test_goal_is_that_of_equal_spacing(bound, met):
 def test_goal_needs_the_tail_too():
     """Far faster at the median and slower at p95 misses the goal."""
     trials = made_up(0.01, 1.0)
-    trials.loc[(trials["route"] == OURS) & (trials["problem"] == 2), "planning_time"] = 20.0
+    trials.loc[(trials["method"] == OURS) & (trials["problem"] == 2), "planning_time"] = 20.0
     (line,) = goal_lines(planning_table(trials), BOUNDS)
     assert ": not met (100x, " in line
 
@@ -306,8 +306,8 @@ def test_parity_line(longer, solved, verdict):
     """
     theirs = np.array([1.0, 30.0, 2.0, 40.0])
     rows = [
-        {"scene": f"s{i}", "problem": i, "planner": "FMT*", "adherence": "atlas", "route": route, "delta": delta,
-         "claimed": True, "verified": passed, "planning_time": 1.0, "path_length": length if passed else np.nan}
+        {"scene": f"s{i}", "problem": i, "planner": "FMT*", "adherence": "atlas", "method": route, "delta": delta,
+         "claimed": True, "solved": passed, "planning_time": 1.0, "path_length": length if passed else np.nan}
         for route, delta, lengths, count in ((OURS, np.nan, theirs + longer, solved), (ORDINARY, 0.05, theirs, 4))
         for i, length in enumerate(lengths)
         for passed in [i < count]
@@ -329,7 +329,7 @@ def test_as_many_neighbours_as_ours():
 def test_ours_is_compared_on_the_problems_of_each_spacing():
     """A finer spacing with fewer problems has ours on these problems beside it, not on all."""
     trials = made_up(0.01, 0.2)
-    fine = trials[(trials["route"] == ORDINARY) & (trials["problem"] == 0)].assign(delta=0.01, planning_time=0.9)
+    fine = trials[(trials["method"] == ORDINARY) & (trials["problem"] == 0)].assign(delta=0.01, planning_time=0.9)
     table = planning_table(pd.concat([trials, fine]))
     assert list(table["n"]) == [3, 3, 1, 1]
     assert list(table["ratio of medians"])[3] == pytest.approx(0.9 / 0.009)

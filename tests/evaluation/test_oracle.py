@@ -83,8 +83,8 @@ def test_problems_without_a_plan_are_counted(environment):
     """A start inside an obstacle is refused and said so, an exhausted search is not solved; neither ends the work."""
     bands = environment.scenes({})[0]
     north, south, inside = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
-    rows = [("bands", bands.name, "test", i, start, south) for i, start in enumerate((north, inside, north))]
-    broken = pd.DataFrame(rows, columns=["scenario", "scene", "split", "problem", "start", "goal"])
+    rows = [("bands", bands.name, "test", i, 0, start, south) for i, start in enumerate((north, inside, north))]
+    broken = pd.DataFrame(rows, columns=["scenario", "scene", "split", "problem", "leg", "start", "goal"])
     found = demonstrate(published(max_iterations=1), environment, {bands.name: bands}, broken)
     assert found["problem"].tolist() == [0, 1, 2]
     assert found["status"].tolist() == ["iteration limit", "refused", "iteration limit"]

@@ -43,7 +43,7 @@ def trials() -> pd.DataFrame:
         states = path(seed) if solved else np.empty((0, 3))
         rows.append(
             {
-                "scenario": scene.scenario, "scene": scene.name, "problem": problem, "method": method,
+                "scenario": scene.scenario, "scene": scene.name, "problem": problem, "leg": 0, "method": method,
                 "planner": "fmt", "sampler": "uniform", "adherence": adherence, "seed": 100 + seed, "solved": solved,
                 "planning_time": seed / 7, "path_length": seed / 3 if solved else np.nan, "max_violation": 1e-4,
                 **COUNTERS, **flatten(states),
@@ -54,7 +54,7 @@ def trials() -> pd.DataFrame:
 
 @pytest.fixture
 def problems(trials) -> pd.DataFrame:
-    keys = trials.drop_duplicates(["scene", "problem"])[["scene", "problem"]]
+    keys = trials.drop_duplicates(["scene", "problem"])[["scene", "problem", "leg"]]
     ends = on_sphere(np.random.default_rng(9), 2 * len(keys))
     return keys.assign(start=list(ends[::2]), goal=list(ends[1::2])).sample(frac=1, random_state=0)
 

@@ -13,6 +13,19 @@ PAPER = load(compose("paper/sphere").paper, Paper)
 TIMES = {"CoMPNetX-FMT*": 0.6, "FMT*, tuned": 0.8, "FMT*": 1.2, "CoMPNetX-RRTConnect": 0.016, "RRTConnect": 0.012}
 LENGTHS = {"CoMPNetX-FMT*": 1.0, "FMT*, tuned": 1.1, "FMT*": 1.02, "CoMPNetX-RRTConnect": 1.1, "RRTConnect": 1.4}
 RATES = {"CoMPNetX-FMT*": 0.97, "FMT*, tuned": 0.92, "FMT*": 0.92, "CoMPNetX-RRTConnect": 1.0, "RRTConnect": 0.99}
+SETTINGS = {  # as `method_settings` gives them
+    "FMT*": {"planner": {"samples": 1000}, "sampler": {"batch": 64}},
+    "FMT*, tuned": {"planner": {"samples": 500}, "sampler": {"batch": 64}, "tuned_from": "FMT*"},
+    "CoMPNetX-FMT*": {
+        "planner": {"samples": 300},
+        "sampler": {"batch": 100, "n_ismp": 6},
+        "compared_with": ["FMT*, tuned", "FMT*"],
+    },
+    "RRTConnect": {"planner": {}, "sampler": {}},
+    "CoMPNetX-RRTConnect": {"planner": {}, "sampler": {}, "compared_with": ["RRTConnect"]},
+}
+for _parts in SETTINGS.values():
+    _parts |= {"compared_with": _parts.get("compared_with", []), "tuned_from": _parts.get("tuned_from")}
 ADHERENCES = ("projection", "atlas", "tangent_bundle")
 
 
@@ -107,7 +120,7 @@ def make_paths(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, np.ndarray
                     f"{trial.scenario}/CoMPNetX-FMT*": unit(near),
                 }  # fmt: skip
         path = arc(*ends[key], bend=bends.get(trial.method, 0.5))
-        rows.append((*key, trial.method, trial.adherence, path.ravel().tolist(), len(path), 3))
+        rows.append((*key, 0, trial.method, trial.adherence, path.ravel().tolist(), len(path), 3))
     return pd.DataFrame(rows, columns=list(PATH_COLUMNS)), samples
 
 

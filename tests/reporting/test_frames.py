@@ -4,7 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.config import compose, load
 from pipeline.errors import ArtifactError
+from pipeline.evaluation.trials import Experiment, method_settings
 from pipeline.reporting.frames import (
     PATH_COLUMNS,
     TRIAL_COLUMNS,
@@ -12,12 +14,13 @@ from pipeline.reporting.frames import (
     check,
     check_trials,
     groups,
+    in_order,
     method_pairs,
     ordered,
     pair,
     path_array,
 )
-from tests.reporting.synthetic import make_trials
+from tests.reporting.synthetic import SETTINGS, make_trials
 
 
 def test_missing_and_unknown_columns_are_named():
@@ -41,9 +44,30 @@ def test_trials_that_cannot_be_compared_are_refused(column, value, what):
 
 
 def test_order_is_the_papers_and_strangers_follow():
-    """Known names come in the order of the paper, unknown ones behind them by name."""
-    assert ordered(["zeta", "RRTConnect", "FMT*", "alpha", "FMT*"], "method") == ["FMT*", "RRTConnect", "alpha", "zeta"]
-    assert ordered(["bands", "blocks"], "scenario") == ["blocks", "bands"]
+    """Known names come in the order of the paper, others behind them as they come, methods all as they come."""
+    assert ordered(["zeta", "RRTConnect", "FMT*", "alpha", "FMT*"], "method") == ["zeta", "RRTConnect", "FMT*", "alpha"]
+    assert ordered(["zeta", "bands", "alpha", "blocks"], "scenario") == ["blocks", "bands", "zeta", "alpha"]
+
+
+def test_methods_stand_before_what_they_are_compared_with():
+    """The published experiment's methods come as in its page: ours, as the paper has it, then both their baselines."""
+    methods = load(compose("benchmark").experiment, Experiment).methods
+    settings = method_settings(methods)
+    labels = [method.label for method in methods.values()]
+    trials = pd.DataFrame({"method": labels * 2, "problem": np.repeat([0, 1], len(labels))})
+    found = in_order(trials, settings)
+    expected = [
+        "CoMPNetX-FMT*",
+        "CoMPNetX-FMT*, Algorithm 6",
+        "FMT*, tuned",
+        "FMT*",
+        "CoMPNetX-RRTConnect",
+        "RRTConnect",
+    ]
+    assert ordered(found["method"], "method") == expected and found["problem"].tolist() == [0, 1] * len(labels)
+    assert method_pairs(labels, settings) == [
+        *[(ours, baseline) for ours in expected[:2] for baseline in expected[2:4]], tuple(expected[4:])
+    ]  # fmt: skip
 
 
 def test_groups_are_a_full_grid():
@@ -56,21 +80,22 @@ def test_groups_are_a_full_grid():
 
 def test_learned_methods_meet_their_classical_counterpart():
     """Only methods whose counterpart was run are paired."""
-    assert method_pairs(["FMT*", "CoMPNetX-FMT*", "CoMPNetX-RRT", "RRTConnect"]) == [("CoMPNetX-FMT*", "FMT*")]
+    pairs = method_pairs(["FMT*", "CoMPNetX-FMT*", "CoMPNetX-RRT", "RRTConnect"], SETTINGS)
+    assert pairs == [("CoMPNetX-FMT*", "FMT*")]
 
 
 def test_pairs_are_problem_by_problem():
     """Rows are joined by scene and problem whatever their order, repetitions by the order of their seeds."""
-    columns = ["scenario", "adherence", "method", "scene", "problem", "seed", "solved", "planning_time"]
+    columns = ["scenario", "adherence", "method", "scene", "problem", "leg", "seed", "solved", "planning_time"]
     rows = [
-        ("blocks", "atlas", "A", "s", 0, 1, True, 1.0),
-        ("blocks", "atlas", "A", "s", 1, 1, False, 2.0),
-        ("blocks", "atlas", "A", "s", 1, 2, True, 3.0),
-        ("blocks", "atlas", "B", "s", 1, 8, True, 30.0),
-        ("blocks", "atlas", "B", "s", 1, 7, True, 20.0),
-        ("blocks", "atlas", "B", "s", 0, 7, True, 10.0),
-        ("blocks", "projection", "B", "s", 0, 7, True, 99.0),
-        ("blocks", "atlas", "B", "t", 0, 7, True, 99.0),
+        ("blocks", "atlas", "A", "s", 0, 0, 1, True, 1.0),
+        ("blocks", "atlas", "A", "s", 1, 0, 1, False, 2.0),
+        ("blocks", "atlas", "A", "s", 1, 0, 2, True, 3.0),
+        ("blocks", "atlas", "B", "s", 1, 0, 8, True, 30.0),
+        ("blocks", "atlas", "B", "s", 1, 0, 7, True, 20.0),
+        ("blocks", "atlas", "B", "s", 0, 0, 7, True, 10.0),
+        ("blocks", "projection", "B", "s", 0, 0, 7, True, 99.0),
+        ("blocks", "atlas", "B", "t", 0, 0, 7, True, 99.0),
     ]
     joined = pair(pd.DataFrame(rows, columns=columns), "blocks", "atlas", "A", "B")
     assert joined[["planning_time_1", "planning_time_2"]].to_numpy().tolist() == [[1, 10], [2, 20], [3, 30]]
@@ -79,7 +104,9 @@ def test_pairs_are_problem_by_problem():
 
 def test_paths_are_row_major_and_checked():
     """The flat list is read row by row; a wrong count is refused."""
-    row = pd.Series(dict(zip(PATH_COLUMNS, ["blocks", "s", 0, "FMT*", "atlas", [1, 2, 3, 4, 5, 6], 2, 3], strict=True)))
+    row = pd.Series(
+        dict(zip(PATH_COLUMNS, ["blocks", "s", 0, 0, "FMT*", "atlas", [1, 2, 3, 4, 5, 6], 2, 3], strict=True))
+    )
     assert path_array(row).tolist() == [[1, 2, 3], [4, 5, 6]]
     with pytest.raises(ArtifactError, match="6 numbers, expected 3 waypoints"):
         path_array(row.replace({2: 3}))

@@ -24,17 +24,13 @@ from pipeline.reporting import (
 from pipeline.reporting.frames import TRIAL_COLUMNS
 from pipeline.reporting.markdown import escape, table, write_part
 from pipeline.reporting.sphere_pictures import sampled_by_scenario, typical_problems
-from tests.reporting.synthetic import PAPER, TIMES, band_scene, block_scene, make_paths, make_trials
+from tests.reporting.synthetic import PAPER, SETTINGS, TIMES, band_scene, block_scene, make_paths, make_trials
 
 HARDWARE = {
     "cpu": "Abacus 3000", "cores": 2, "memory": "8 GB", "python": "3.11.2", "packages": {"ompl": "2.0.1"},
     "platform": "Linux",
 }  # fmt: skip
 COMMANDS = {"benchmark": "dvc repro benchmark", "train": "dvc repro train", "report": "dvc repro report"}
-SETTINGS = {
-    "FMT*": {"planner": {"samples": 1000}, "sampler": {"batch": 64}},
-    "CoMPNetX-FMT*": {"planner": {"samples": 300}, "sampler": {"batch": 100, "n_ismp": 6}},
-}
 TRIED = {label: {"base": label, **SETTINGS.get(label, {"planner": {}, "sampler": {}})} for label in TIMES}
 PROVENANCE = Provenance("abc1234", "standard", COMMANDS, HARDWARE)
 CURVES = pd.DataFrame({"epoch": [0, 1], "train_loss": [1.0, 0.5], "val_loss": [1.1, 0.6]})
@@ -48,9 +44,9 @@ def report(tmp_path_factory):
     paths, samples = make_paths(trials)
     scenes = {s: block_scene(40) if s.startswith("blocks") else band_scene() for s in trials["scene"].unique()}
     pictures = environment_figures(trials, CURVES, folder / "figures", PAPER)
-    pictures |= sphere_stills(trials, paths, scenes, samples, folder / "figures", Stills(plain=True))
+    pictures |= sphere_stills(trials, paths, scenes, samples, folder / "figures", Stills(plain=True), PAPER.drawn)
     write(environment_page(trials, pictures, PROVENANCE, trials, SETTINGS, TRIED, PAPER), folder / "sphere.md")
-    summary = environment_summary(trials, pictures, PROVENANCE, PAPER)
+    summary = environment_summary(trials, pictures, PROVENANCE, SETTINGS, PAPER)
     write(index("Reports", [("sphere.md", summary)], PROVENANCE), folder / "README.md")
     return folder, trials, pictures
 
@@ -120,7 +116,7 @@ def test_what_the_rule_chooses_stands_beside_what_was_measured(report):
     """Where settings of the benchmark differ from the chosen ones the page says so, and which."""
     _, trials, _ = report
     tried = TRIED | {"FMT*": {"base": "FMT*", "planner": {"samples": 400}, "sampler": {}}}
-    settings = SETTINGS | {"FMT*, tuned": {"planner": {"samples": 300}, "sampler": {}}}
+    settings = SETTINGS | {"FMT*, tuned": SETTINGS["FMT*, tuned"] | {"planner": {"samples": 300}, "sampler": {}}}
     text = environment_page(trials, {}, PROVENANCE, trials, settings, tried, PAPER)
     assert "differs from it: samples = 300, chosen 400" in text
     assert "CoMPNetX-FMT\\* the rule chooses CoMPNetX-FMT\\*, which is what was measured" in text
@@ -147,11 +143,11 @@ def test_the_shown_problems_are_spread_by_rank():
 def test_samples_are_sorted_by_scenario():
     """Names are '<scenario>/<method>'; others, and scenarios without ends, are refused by name."""
     arrays = {"bands/start": np.zeros(3), "bands/goal": np.ones(3), "bands/FMT*": np.zeros((5, 3))}
-    assert list(sampled_by_scenario(arrays)["bands"].clouds) == ["FMT*"]
+    assert list(sampled_by_scenario(arrays, ["FMT*"])["bands"].clouds) == ["FMT*"]
     with pytest.raises(ArtifactError, match="'cloud' is not"):
-        sampled_by_scenario({"cloud": np.zeros((5, 3))})
+        sampled_by_scenario({"cloud": np.zeros((5, 3))}, [])
     with pytest.raises(ArtifactError, match="'bands' has no start and no goal"):
-        sampled_by_scenario({"bands/FMT*": np.zeros((5, 3))})
+        sampled_by_scenario({"bands/FMT*": np.zeros((5, 3))}, [])
 
 
 def test_pictures_that_cannot_be_made_are_left_out_or_refused(tmp_path, caplog):
@@ -159,12 +155,12 @@ def test_pictures_that_cannot_be_made_are_left_out_or_refused(tmp_path, caplog):
     trials = make_trials(3, ("blocks",), adherences=("atlas",))
     paths, samples = make_paths(trials)
     with pytest.raises(ArtifactError, match="no obstacles for scene"):
-        sphere_stills(trials, paths, {}, {}, tmp_path, Stills(plain=True))
+        sphere_stills(trials, paths, {}, {}, tmp_path, Stills(plain=True), PAPER.drawn)
     trials["solved"], trials["path_length"] = False, np.nan
-    assert sphere_stills(trials, paths.iloc[:0], {}, samples, tmp_path, Stills(plain=True)) == {}
+    assert sphere_stills(trials, paths.iloc[:0], {}, samples, tmp_path, Stills(plain=True), PAPER.drawn) == {}
     assert "no method solved" in caplog.text
     with pytest.raises(ArtifactError, match="surprise"):
-        sphere_stills(trials, paths.assign(surprise=1), {}, {}, tmp_path, Stills(plain=True))
+        sphere_stills(trials, paths.assign(surprise=1), {}, {}, tmp_path, Stills(plain=True), PAPER.drawn)
 
 
 def test_tables_keep_their_digits_and_stars():

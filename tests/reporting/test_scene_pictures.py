@@ -20,7 +20,7 @@ def drawn(tmp_path_factory):
     trials = trials.assign(scene=scene.name, solved=True, path_length=[1.0, 2.0, 3.0] * 2)
     ends = environment.tasks(scene, 1).iloc[0]
     path = np.linspace(ends["start"], ends["goal"], 5)
-    columns = ["scenario", "scene", "problem", "method", "adherence"]
+    columns = ["scenario", "scene", "problem", "leg", "method", "adherence"]
     paths = pd.DataFrame([{**row, **flatten(path)} for row in trials[columns].to_dict("records")])
     folder = tmp_path_factory.mktemp("page") / "transport_panda"
     return scene, trials, paths, folder, robot_stills(trials, paths, {scene.name: scene}, folder, plain=True)

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from pipeline.errors import ArtifactError
 from pipeline.reporting import paired_table, rejection_table, results_table
 from pipeline.reporting.frames import TRIAL_COLUMNS
-from tests.reporting.synthetic import PAPER, make_trials
+from tests.reporting.synthetic import PAPER, SETTINGS, make_trials
 
 
 def row_of(table: pd.DataFrame, method: str, adherence: str) -> pd.Series:
@@ -95,7 +95,7 @@ def test_a_method_that_solved_nothing_is_shown_as_zero():
     assert row["success [95 %]"].startswith("0.0 % [0.0, ")
     assert row["time, solved only: median [s]"] == row["length, solved only: median [m]"] == "–"
     assert row["time, all trials: median [s]"] != "–"
-    paired = paired_table(trials, PAPER)
+    paired = paired_table(trials, PAPER, SETTINGS)
     assert (paired.loc[paired["classical"] == "FMT*", "both solved"] == 0).all()
     assert (paired.loc[paired["classical"] == "FMT*", "only learned solved"] > 0).all()
 
@@ -106,10 +106,14 @@ def test_combinations_that_were_not_run_are_shown_as_such():
     part = trials[~((trials["method"] == "FMT*") & (trials["adherence"] == "atlas"))]
     row = row_of(results_table(part, PAPER)["blocks"], "FMT*", "atlas")
     assert row["n"] == 0 and row["success [95 %]"] == "–" and row["projections (median)"] == "–"
-    paired = paired_table(part, PAPER).set_index(["classical", "adherence"])
+    paired = paired_table(part, PAPER, SETTINGS).set_index(["classical", "adherence"])
     assert paired.loc[("FMT*", "atlas"), "McNemar p (exact)"] == "–"
     empty = pd.DataFrame(columns=list(TRIAL_COLUMNS))
-    assert results_table(empty, PAPER) == {} and paired_table(empty, PAPER).empty and rejection_table(empty).empty
+    assert (
+        results_table(empty, PAPER) == {}
+        and paired_table(empty, PAPER, SETTINGS).empty
+        and rejection_table(empty).empty
+    )
 
 
 def test_pairs_count_and_test_what_both_and_one_solved():
@@ -119,7 +123,7 @@ def test_pairs_count_and_test_what_both_and_one_solved():
     trials.loc[learned, "solved"] = [True] * 18 + [False] * 2
     trials.loc[classical, "solved"] = [True] * 10 + [False] * 9 + [True]
     trials["path_length"] = 1.0
-    (row,) = paired_table(trials, PAPER).to_dict("records")
+    (row,) = paired_table(trials, PAPER, SETTINGS).to_dict("records")
     assert (row["pairs"], row["both solved"]) == (20, 10)
     assert (row["only learned solved"], row["only classical solved"]) == (8, 1)
     p = 2 * sum(comb(9, i) for i in range(2)) / 2**9
@@ -144,7 +148,7 @@ def test_rejections_of_one_kind_count_as_one():
     assert [4, "time limit"] in rows and len(rows) == 2
 
 
-@pytest.mark.parametrize("table", [(results_table, PAPER), (paired_table, PAPER), (rejection_table,)])
+@pytest.mark.parametrize("table", [(results_table, PAPER), (paired_table, PAPER, SETTINGS), (rejection_table,)])
 def test_unknown_columns_are_refused_by_name(table):
     """No table is made from a file with other columns."""
     make, *more = table
