@@ -13,7 +13,7 @@ import pandas as pd
 
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.families import Setting
-from pipeline.evaluation.ompl_route import Ompl, OrdinaryOmpl
+from pipeline.evaluation.ompl_route import Ompl
 from pipeline.evaluation.roboplan_peer import Roboplan, RoboplanParameters, load_roboplan
 from pipeline.evaluation.routes import Manifold, Names, Role, Route
 from pipeline.evaluation.runner import Runner
@@ -40,15 +40,6 @@ class Variant:
     planner: dict[str, Any] = field(default_factory=dict)
     adherence: dict[str, Any] = field(default_factory=dict)
     sampler: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Part:
-    """Tasks of a family, of those that are measured or of those that settings were chosen on."""
-
-    family: str
-    tasks: range
-    tried: bool
 
 
 @dataclass(frozen=True)
@@ -83,12 +74,12 @@ class ArmContest:
             if name not in self.families:
                 raise ConfigError(f"tried_families names {name!r}; there are {', '.join(self.families)}")
 
-    def shards(self) -> list[tuple[str, Part]]:
-        """Return names and items of all shards."""
-        asked = [(label, False) for label in self.families] + [(label, True) for label in self.tried_families]
+    def shards(self) -> list[tuple[str, tuple[str, range, bool]]]:
+        """Return names and items of all shards: a family, numbers of its tasks, and whether variants plan them."""
         return [
-            (f"{'tried-' * tried}{label}-{first}", Part(label, range(first, min(first + _SHARD, self.tasks)), tried))
-            for label, tried in asked
+            (f"{'tried-' * tried}{label}-{first}", (label, range(first, min(first + _SHARD, self.tasks)), tried))
+            for tried, labels in ((False, self.families), (True, self.tried_families))
+            for label in labels
             for first in range(0, self.tasks, _SHARD)
         ]
 
@@ -104,18 +95,18 @@ def installed(contest: ArmContest) -> ArmContest:
     return contest
 
 
-def arm_shard(contest: ArmContest, item: Part) -> pd.DataFrame:
+def arm_shard(contest: ArmContest, item: tuple[str, range, bool]) -> pd.DataFrame:
     """Plan a part of the contest by all routes; return the runner's rows.
 
     A column more, `tried`, tells whether it is one of what was tried.
     """
-    setting = contest.families[item.family]
-    routes = _tried_routes(contest, setting) if item.tried else _routes(contest, setting)
+    label, numbers, tried = item
+    setting, seed = contest.families[label], contest.tried_seed if tried else contest.seed
+    routes = _tried_routes(contest, setting) if tried else _routes(contest, setting)
     runner = Runner(Termination(time_limit=setting.time_limit), setting.verifier)
-    seed = contest.tried_seed if item.tried else contest.seed
     return pd.DataFrame([
-        {"tried": item.tried, **runner.row(route, case, seed)}
-        for case in setting.cases(item.family, seed, item.tasks)
+        {"tried": tried, **runner.row(route, case, seed)}
+        for case in setting.cases(label, seed, numbers)
         for route, most in routes
         if case.problem < most
     ])  # fmt: skip
@@ -131,11 +122,11 @@ def _routes(contest: ArmContest, setting: Setting) -> list[tuple[Route, float]]:
             bare = setting.changed(adherence={"proof": False})
             routes.append((bare.ours(key, f"{label}, without proof", Role.UNPROVEN), np.inf))
     manifold = Manifold(choice)
-    for label, route in ((ORDINARY, OrdinaryOmpl), (OMPL_OURS, Ompl)):
-        parameters = OmplParameters(delta=setting.ompl_delta, project_override=route is Ompl)
-        planner = OmplPlanner("RRTConnect", "projection", parameters)
+    for label in (ORDINARY, OMPL_OURS):
+        parameters = OmplParameters(delta=setting.ompl_delta, project_override=label == OMPL_OURS)
         names = Names(label, label, "", "projection", Role.PEER)
-        routes.append((route(names, manifold, planner), setting.peers))
+        planner = OmplPlanner("RRTConnect", "projection", parameters)
+        routes.append((Ompl(names, manifold, planner, label == ORDINARY), setting.peers))
     description = setting.description()
     if contest.roboplan and description is not None and setting.kind in ROBOPLAN_PLANS:
         for name, options in contest.roboplan.items():
@@ -146,9 +137,8 @@ def _routes(contest: ArmContest, setting: Setting) -> list[tuple[Route, float]]:
 
 def _tried_routes(contest: ArmContest, setting: Setting) -> list[tuple[Route, float]]:
     """Return ours and its variants, for all tasks."""
-    variants = {"as chosen": Variant(), **contest.tried}
-    key = next(iter(setting.adherences))
-    return [(setting.changed(**vars(variant)).ours(key, label), np.inf) for label, variant in variants.items()]
+    first, variants = next(iter(setting.adherences)), {"as chosen": Variant(), **contest.tried}
+    return [(setting.changed(**vars(variant)).ours(first, label), np.inf) for label, variant in variants.items()]
 
 
 def arm_table(trials: pd.DataFrame) -> pd.DataFrame:

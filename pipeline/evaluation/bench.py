@@ -90,8 +90,9 @@ def measure(bench: Bench) -> Measured:
     with single_threaded():
         parts = parts_table(place, model, voxels)
         trials = contest_trials(contest, environment, asked)
-    demonstrations = problems.iloc[: bench.demonstrations]
-    scaling = scaling_table(bench.oracle, environment, scenes, demonstrations, bench.shard, bench.rounds)
+    scaling = scaling_table(
+        bench.oracle, environment, scenes, problems.iloc[: bench.demonstrations], bench.shard, bench.rounds
+    )
     planning, parity = planning_table(trials), parity_table(trials)
     return Measured(
         place=f"{len(scenes)} validation scenes of {environment.name}, {environment.blocks} blocks each",

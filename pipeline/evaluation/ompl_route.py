@@ -1,4 +1,4 @@
-"""Routes through OMPL's planners, with our constraint and checker or with those that its users write."""
+"""Routes through OMPL's planners."""
 
 from dataclasses import dataclass, replace
 
@@ -11,23 +11,21 @@ from pipeline.planners.ompl_adapter import OmplPlanner
 
 @dataclass
 class Ompl(Route):
-    """One of OMPL's planners; its states are joined on the manifold outside of the time."""
+    """One of OMPL's planners; its states are joined on the manifold outside of the time.
+
+    Attributes:
+        planner: OMPL's.
+        ordinary: whether constraint and checker are as users write them; collision checks are ours, not asked then.
+    """
 
     planner: OmplPlanner
+    ordinary: bool = False
 
     def plan(self, case: Case, termination: Termination, seed: int) -> PlanResult:
         """Plan a case; see `Route`."""
+        if self.ordinary:
+            self.planner.stand_ins = OrdinaryConstraint(case.task), OrdinaryValidity(case.task)
+            self.uncounted = ("collision_checks",)
         problem = self.manifold.problem(case)
         result = self.planner.plan(problem, termination, seed)
         return replace(result, path=joined(problem.adherence, result.path)) if result.solved else result
-
-
-class OrdinaryOmpl(Ompl):
-    """The same with constraint and checker as users write them."""
-
-    uncounted = ("collision_checks",)  # ours would count, and is not asked
-
-    def plan(self, case: Case, termination: Termination, seed: int) -> PlanResult:
-        """Plan a case; see `Route`."""
-        self.planner.stand_ins = OrdinaryConstraint(case.task), OrdinaryValidity(case.task)
-        return super().plan(case, termination, seed)

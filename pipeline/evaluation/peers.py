@@ -160,12 +160,19 @@ def planning_table(trials: pd.DataFrame) -> pd.DataFrame:
             if route not in _OWN:
                 found = paired_interval(*_paired(group, str(route), rival), Comparison.RATIO)
                 as_it_is = times.median / _milliseconds(group[group["method"] == OURS]).median
-                ratios = (found.estimate, found.low, found.high, times.p95 / p95s[rival])
-                ratios += (as_it_is, times.p95 / p95s[OURS])
-            success = (100 * part["claimed"].mean(), 100 * part["solved"].mean())
-            length = summary(part["path_length"].dropna().to_numpy(float)).median
-            times_ms = (times.median, times.mean, times.p95)
-            rows.append((planner, delta, adherence, route, len(part), *success, *times_ms, *ratios, length))
+                ratios = (
+                    found.estimate,
+                    found.low,
+                    found.high,
+                    times.p95 / p95s[rival],
+                    as_it_is,
+                    times.p95 / p95s[OURS],
+                )
+            rows.append((
+                planner, delta, adherence, route, len(part), 100 * part["claimed"].mean(), 100 * part["solved"].mean(),
+                times.median, times.mean, times.p95, *ratios,
+                summary(part["path_length"].dropna().to_numpy(float)).median,
+            ))  # fmt: skip
     return pd.DataFrame(rows, columns=list(PLANNING))
 
 
@@ -191,12 +198,11 @@ def parity_table(trials: pd.DataFrame) -> pd.DataFrame:
             means = (summary(own).mean, summary(peer).mean)
             where = ours["scene"].to_numpy(str)
             found = paired_interval(own, peer, where[x & y], center=Center.MEAN)
-            difference = (found.estimate, found.low, found.high)
             each = paired_interval(own / peer, np.ones(len(peer)), where[x & y], Comparison.RATIO)
             ratio = f"{each.estimate:.3f} [{each.low:.3f}, {each.high:.3f}]"
             rates = [_rate(side, where) for side in (x, y)]
             names = (planner, delta, adherence, route, str(against))
-            rows.append((*names, *map(int, counts), *rates, *means, *difference, ratio))
+            rows.append((*names, *map(int, counts), *rates, *means, found.estimate, found.low, found.high, ratio))
     return pd.DataFrame(rows, columns=list(PARITY))
 
 
@@ -294,12 +300,8 @@ def _entrants(contest: Contest, environment: Margins, task: Task) -> Iterator[tu
             for spacing in contest.spacings:
                 delta, problems = spacing.delta, spacing.problems
                 if (adherence, delta) in same:
-                    yield (
-                        label,
-                        Ours(replace(names, method=SAME), same[adherence, delta], planner, sampler),
-                        delta,
-                        problems,
-                    )
+                    route = Ours(replace(names, method=SAME), same[adherence, delta], planner, sampler)
+                    yield label, route, delta, problems
                 peers = {ORDINARY: _parameters(space, planner, delta, False)}
                 if kind == "projection":  # charts have a Newton iteration of their own that cannot be replaced
                     peers[OVERRIDDEN] = _parameters(space, planner, delta, True)

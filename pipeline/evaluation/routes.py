@@ -2,9 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -116,10 +116,10 @@ class Route(ABC):
         uncounted: columns of counts that it has none for.
     """
 
-    geometry: ClassVar[Geometry | None] = None
-    uncounted: ClassVar[tuple[str, ...]] = ()
     names: Names
     manifold: Manifold
+    geometry: Geometry | None = field(default=None, kw_only=True)
+    uncounted: tuple[str, ...] = field(default=(), kw_only=True)
 
     @abstractmethod
     def plan(self, case: Case, termination: Termination, seed: int) -> PlanResult:

@@ -85,14 +85,15 @@ def soak_shard(soak: Soak, item: tuple[str, range]) -> pd.DataFrame:
 def soak_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Return a row per family and adherence method, and one for all."""
     parts = [*rows.groupby(["environment", "adherence"], sort=False), (("all", ""), rows)]
-    found = []
-    for (family, adherence), group in parts:
-        found.append((
+    found = [
+        (
             family, adherence, group.groupby("environment")["problem"].nunique().sum(), len(group),
             int(group["claimed"].sum()), int((group["failure"] != "").sum()), int(group["shortened"].sum()),
             int((group["short_failure"] != "").sum()), int(group["chords_proven"].sum()),
             int(group["chords_sampled"].sum()), int(group["states_checked"].sum()), group["max_violation"].max(),
-        ))  # fmt: skip
+        )
+        for (family, adherence), group in parts
+    ]  # fmt: skip
     columns = (
         "family", "adherence", "tasks", "plans", "paths", "wrong paths", "shortened paths", "wrong shortened paths",
         "chords proven", "chords sampled", "states checked", "largest violation",

@@ -79,8 +79,7 @@ class Experiment:
                     raise ConfigError(f"methods.{key} names the method {other!r}; there are {', '.join(self.methods)}")
         for key in self.only:
             if key not in {**self.methods, **self.adherences}:
-                known = ", ".join((*self.methods, *self.adherences))
-                raise ConfigError(f"only names {key!r}; methods and adherences are {known}")
+                raise ConfigError(f"only names {key!r}; it may name {', '.join((*self.methods, *self.adherences))}")
         if not self.methods or not self.adherences:
             raise ConfigError("an experiment needs at least one method and one adherence")
         require("time_limit", self.time_limit, above=0, unit=" s")
@@ -112,11 +111,9 @@ def run_trials(
         for method in experiment.run(experiment.methods).values()
         for key, manifold in manifolds.items()
     ]
-    asked, found = list(cases(environment.name, scenes, problems)), []
-    for route in routes:
-        # The first plan touches everything once; it is measured again.
-        _, *rows = [runner.row(route, case, case.seed(experiment.seed)) for case in (asked[0], *asked)]
-        found.append(rows)
+    first, *others = cases(environment.name, scenes, problems)
+    asked = (first, first, *others)  # the first plan touches everything once; it is measured again
+    found = [[runner.row(route, case, case.seed(experiment.seed)) for case in asked][1:] for route in routes]
     return pd.DataFrame([row for rows in zip(*found, strict=True) for row in rows])
 
 

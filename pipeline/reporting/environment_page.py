@@ -202,11 +202,13 @@ def _known(table: pd.DataFrame, paper: Paper) -> pd.DataFrame:
 
 
 def _tuned_alike(settings: Settings) -> tuple[str, list[str]]:
-    """Return the method that has a baseline tuned as it was, with all its baselines; nothing where there is none."""
-    for method, parts in settings.items():
-        if any(settings[baseline]["tuned_from"] for baseline in parts["compared_with"]):
-            return method, parts["compared_with"]
-    return "", []
+    """Return the first method with a baseline that was tuned as it was, and all its baselines; else nothing."""
+    found = (
+        (method, parts["compared_with"])
+        for method, parts in settings.items()
+        if any(settings[baseline]["tuned_from"] for baseline in parts["compared_with"])
+    )
+    return next(found, ("", []))
 
 
 def _equal_sizes(choices: pd.DataFrame, tried: Settings, settings: Settings, unit: str) -> list[str | pd.DataFrame]:

@@ -77,3 +77,22 @@ def test_what_is_claimed_passes(trials):
     """The verifier refuses no path that a planner claims, and some are found."""
     assert trials["solved"].any()
     assert list(trials.loc[trials["claimed"] & ~trials["solved"], "rejection"]) == []
+
+
+def test_scenes_that_ask_for_different_things_share_a_table():
+    """Tasks of an arm with a tool and of two arms with a tray, in one table, are planned and judged as each alone."""
+    experiment = Experiment(
+        {"c": Method("c", Choice("rrtconnect", {"direct": True}), Choice("uniform", {"directions": True}))},
+        {"projection": Choice("projection")}, 60.0, 4, VerifierParameters(),
+    )  # fmt: skip
+    environments = [of(family)[0] for family in ("transport_panda", "tray_baxter")]
+    scenes = [environment.scenes({Split.TEST: 1})[0] for environment in environments]
+    tables = [environment.tasks(scene, 1) for environment, scene in zip(environments, scenes, strict=True)]
+    statements = tuple(scene.statement for scene in scenes)
+    both = Scene("both", scenes[0].name, Split.TEST, statements)  # the second task is a second leg of one scene
+    table = pd.concat([tables[0], tables[1].assign(scene=both.name, leg=1)])
+    found = run_trials(experiment, environments[0], {both.name: both}, None, table)
+    assert found["leg"].tolist() == [0, 1] and found["dimension"].tolist() == [7, 14]
+    assert found["solved"].all() and set(found["scenario"]) == {"both"}
+    alone = run_trials(experiment, environments[0], {scenes[0].name: scenes[0]}, None, tables[0])
+    assert np.array_equal(alone["path"][0], found["path"][0]) and alone["seed"][0] == found["seed"][0]

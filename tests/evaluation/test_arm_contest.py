@@ -16,7 +16,6 @@ from pipeline.evaluation.arm_contest import (
     ROBOPLAN,
     TABLE,
     ArmContest,
-    Part,
     arm_shard,
     arm_table,
     installed,
@@ -74,7 +73,7 @@ def test_variants_change_one_thing():
     few = contest(tasks=2, tried_families=["transport_panda"])
     finer = "walks checked at 0.01 rad"
     few = replace(few, tried={finer: few.tried[finer]})
-    assert few.shards()[-1] == ("tried-transport_panda-0", Part("transport_panda", range(2), True))
+    assert few.shards()[-1] == ("tried-transport_panda-0", ("transport_panda", range(2), True))
     trials = arm_shard(few, few.shards()[-1][1])
     assert trials["tried"].all()
     assert trials["method"].unique().tolist() == ["as chosen", finer]

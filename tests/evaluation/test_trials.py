@@ -12,7 +12,8 @@ import torch
 from pipeline.environments import BANDS, BLOCKS, Band, SphereEnvironment
 from pipeline.errors import ConfigError
 from pipeline.evaluation.hardware import hardware
-from pipeline.evaluation.trials import Experiment, Method, benchmark_metrics, run_trials, sample_clouds
+from pipeline.evaluation.runner import COLUMNS, PATH
+from pipeline.evaluation.trials import Experiment, Method, benchmark_metrics, method_settings, run_trials, sample_clouds
 from pipeline.learning import CompnetxNetwork, Model, NetworkParameters, Normalisation
 from pipeline.learning.networks import Compnetx
 from pipeline.planners import PLANNERS, Planner, PlanStatus
@@ -302,3 +303,30 @@ def test_machine_is_named():
     assert found["packages"]["torch"] == version("torch") and found["packages"]["ompl"] == version("ompl")
     assert found["compiler"] and found["networks"]
     assert set(found["packages"]) >= {"pin", "coal", "casadi", "numpy", "scipy"}
+
+
+def test_a_part_of_an_experiment_is_run_by_its_keys(learned):
+    """Where keys are named, these methods and these adherences alone are run, to the same paths; others are refused."""
+    few = experiment(only=("rrt", "fmt", "charts"))
+    trials = run_trials(few, ENVIRONMENT, SCENES, learned, PROBLEMS.iloc[:1])
+    keys = trials[["method", "adherence"]].to_numpy().tolist()
+    assert keys == [["FMT*", "charts"], ["RRTConnect", "charts"]]
+    assert run_trials(replace(few, only=("rrt",)), ENVIRONMENT, SCENES, None, PROBLEMS.iloc[:1]).shape[0] == 2
+    with pytest.raises(ConfigError, match=r"only names 'atlas'; it may name fmt, .*, charts"):
+        experiment(only=("atlas",))
+
+
+def test_methods_say_what_they_are_compared_with():
+    """Settings of the pages have labels in place of keys; a key of no method is refused by name."""
+    methods = {**METHODS, "learned_rrt": replace(METHODS["learned_rrt"], compared_with=("rrt",), tuned_from="fmt")}
+    found = method_settings(experiment(methods=methods).methods)["L-RRTConnect"]
+    assert (found["compared_with"], found["tuned_from"]) == (["RRTConnect"], "FMT*")
+    with pytest.raises(ConfigError, match=r"methods\.rrt names the method 'prm'; there are fmt"):
+        experiment(methods={**METHODS, "rrt": replace(METHODS["rrt"], compared_with=("prm",))})
+
+
+def test_rows_have_the_columns_of_the_schema(trials):
+    """Rows of a benchmark are what the runner says they are, in this order of parts, and paths behind them."""
+    assert set(trials.columns) == {*COLUMNS, *PATH} and set(trials["leg"]) == {0} and set(trials["role"]) == {"ours"}
+    assert (trials["solved"] == trials["solved_own"]).all() and (trials["failure"] == trials["failure_own"]).all()
+    assert ((trials["failure"] == "") == (trials["solved"] | ~trials["claimed"])).all()
