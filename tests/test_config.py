@@ -5,6 +5,7 @@ import importlib
 import re
 from collections.abc import Iterator
 from dataclasses import asdict, fields, is_dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from pipeline.constraints import sphere_constraint
 from pipeline.environments import ENVIRONMENTS
 from pipeline.errors import ConfigError
 from pipeline.evaluation.choices import variants
+from pipeline.evaluation.trials import Experiment
 from pipeline.learning.recipe import Recipe
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS
@@ -313,3 +315,16 @@ def test_the_tuned_baseline_differs_from_the_papers_by_what_was_tuned():
         own, paper = tuned[part].parameters, papers[part].parameters
         assert tuned[part].kind == papers[part].kind and own.keys() == paper.keys()
         assert {name for name in own if own[name] != paper[name]} <= varied
+
+
+@pytest.mark.parametrize("environment", files_of("environment"))
+def test_a_cross_has_every_planner_with_both_samplers(environment):
+    """Each planner is there once with each sampler, and every learned method is held against its classical one."""
+    composed = compose("benchmark", [f"environment={environment}", f"experiment=cross/{environment}"])
+    found = load(composed.experiment, Experiment)
+    pairs = {(method.planner.kind, method.sampler.kind): method for method in found.methods.values()}
+    assert set(pairs) == set(product(("fmt", "rrt", "rrtconnect"), ("uniform", "compnetx"))) and len(found.methods) == 6
+    for (planner, sampler), method in pairs.items():
+        against = [found.methods[key] for key in method.compared_with]
+        assert against == ([pairs[planner, "uniform"]] if sampler == "compnetx" else [])
+    assert len(found.adherences) == 3
