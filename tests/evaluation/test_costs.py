@@ -24,6 +24,7 @@ from pipeline.evaluation.peers import (
     PLANNING,
     SAME,
     SPACING,
+    ChartSampler,
     _parameters,
     goal_lines,
     parity_lines,
@@ -31,6 +32,8 @@ from pipeline.evaluation.peers import (
     planning_table,
 )
 from pipeline.planners import FmtStar
+from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
+from pipeline.samplers import Asked
 from tests.manifolds.spaces import sphere_space
 
 ROOT = Path(__file__).parents[2]
@@ -359,3 +362,16 @@ def test_wrong_settings_are_refused(override, message):
     """A setting that cannot be measured is refused by name, before anything is measured."""
     with pytest.raises(ConfigError, match=re.escape(message)):
         load(compose("bench", [override]), Bench)
+
+
+def test_ompls_samples_lie_where_its_charts_are():
+    """A first batch of OMPL's samples is on the manifold and within rho / (1 - exploration)^(1/d) of start or goal."""
+    space, ends = sphere_space("atlas"), np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    parameters = OmplParameters(rho=0.2, exploration=0.75)
+    sampler = ChartSampler(OmplPlanner("FMT", "atlas", parameters))
+    sampler.begin(Asked(space, *ends), np.random.default_rng(0))
+    drawn = np.concatenate([sampler.cover(60), sampler.cover(60)])
+    assert np.abs(np.linalg.norm(drawn, axis=1) - 1).max() < 1e-3 and space.counted().samples == len(drawn) > 60
+    away = np.linalg.norm(drawn[:, None] - ends, axis=2).min(axis=1)
+    assert away.max() < 1.1 * 0.2 / (1 - 0.75) ** 0.5  # samples of the whole sphere are up to 1.4 away
+    assert len(np.unique(drawn, axis=0)) == len(drawn)
