@@ -17,10 +17,10 @@ from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
-from pipeline.learning import CompnetxNetwork, load_model
+from pipeline.learning.choices import Learned
+from pipeline.learning.compnetx import CompnetxNetwork, load_model
 from pipeline.parallel import timed_shards
 from pipeline.profile import Profile
-from pipeline.samplers.choices import Learned
 from pipeline.schema import convert
 from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks

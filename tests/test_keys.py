@@ -240,5 +240,5 @@ def test_a_stage_with_all_it_imports_counts():
     assert {"stages/demonstrations.py", "pipeline/planners/rrtconnect.py", "pipeline/robots/collision.py"} <= set(
         sources
     )
-    assert "pipeline/learning/networks.py" not in sources
+    assert "pipeline/learning/compnetx/networks.py" not in sources
     assert code_digest(ROOT / "stages" / "demonstrations.py") != code_digest(ROOT / "stages" / "scenes.py")
