@@ -22,7 +22,7 @@ OVERRIDES = [
     "profile=standard",
     "method.planner.parameters.samples=200",
     "model.parameters.layers.hidden=[8,8]",
-    "~shard",
+    "~training.threads",
 ]
 
 
@@ -119,7 +119,7 @@ def test_job_of_a_sweep_keeps_its_row(tmp_path, job):
         ("profile", "standard"),
         ("method.planner.parameters.samples", "200"),
         ("model.parameters.layers.hidden", "[8,8]"),
-        ("~shard", ""),
+        ("~training.threads", ""),
         ("n", 20),
         ("solved [%]", 95.0),
     ]
