@@ -11,8 +11,8 @@ from scipy.optimize import lsq_linear
 
 from pipeline.constraints import Expressions, structure_of
 from pipeline.errors import ProblemError
-from pipeline.robots import PRIMITIVES, Numbers, Obstacle, Robot, Shape, attach
-from pipeline.robots.clearance_bounds import ClearanceBounds, _segments, obstacle_numbers
+from pipeline.robots import PRIMITIVES, ClearanceBounds, Numbers, Obstacle, Robot, Shape, attach, obstacle_numbers
+from pipeline.robots.clearance_bounds import _segments
 from tests.robots.named import configurations, named
 from tests.robots.worlds import RADIUS, ball, differences, on_sphere, random_obstacles, signed_distance
 
