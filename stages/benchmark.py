@@ -34,6 +34,7 @@ class Config:
     cloud: int
     shard: int
     workers: int
+    cluster: str | None
 
     def __post_init__(self) -> None:
         require("cloud", self.cloud, at_least=1)
@@ -58,7 +59,7 @@ def main(cfg: DictConfig) -> None:
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "benchmark" / key
     path_columns = ["path", "waypoints", "dimension"]
     with (
-        timed_shards(work, items, scratch, config.workers, "benchmark", hardware()) as measured,
+        timed_shards(work, items, scratch, config.workers, "benchmark", hardware, config.cluster) as measured,
         atomic_folder(target) as out,
         single_threaded(),
     ):

@@ -36,6 +36,7 @@ class Config:
     experiment: dict[str, Any]
     shard: int
     workers: int
+    cluster: str | None
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="choices")
@@ -60,7 +61,7 @@ def main(cfg: DictConfig) -> None:
     work = partial(run_trials, experiment, config.environment, scenes, learned)
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "choices" / key
     with (
-        timed_shards(work, items, scratch, config.workers, "choices", hardware()) as measured,
+        timed_shards(work, items, scratch, config.workers, "choices", hardware, config.cluster) as measured,
         atomic_folder(target) as out,
     ):
         trials = pd.concat(measured.frames, ignore_index=True).drop(columns=["path", "waypoints", "dimension"])
