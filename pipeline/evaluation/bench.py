@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import torch
 
 from pipeline.environments import BLOCKS, ENVIRONMENTS
 from pipeline.errors import ConfigError, require
@@ -12,12 +11,11 @@ from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lin
 from pipeline.evaluation.oracle import Oracle
 from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_lines, parity_table, planning_table
 from pipeline.evaluation.routes import cases
-from pipeline.learning import Model, Normalisation, load_model
-from pipeline.learning.networks import Compnetx
-from pipeline.learning.recipe import ModelConfig
+from pipeline.learning.compnetx import Layers, load_model, untrained
+from pipeline.learning.task_kinds import task_kinds
 from pipeline.parallel import single_threaded
 from pipeline.perception import Perception, scene_voxels
-from pipeline.robots import Robot
+from pipeline.schema import Choice, convert
 from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import Split
 
@@ -36,7 +34,7 @@ class Bench:
 
     environment: EnvironmentChoice
     perception: Perception
-    model: ModelConfig
+    model: Choice
     trained: Path | None
     scenes: int
     contest: Contest
@@ -53,6 +51,16 @@ class Bench:
             require(name, getattr(self, name), at_least=1)
         if set(self.goals.planners) != set(self.contest.labels):
             raise ConfigError(f"goals.planners has {list(self.goals.planners)}; expected {self.contest.labels}")
+        self.layers()
+
+    def layers(self) -> Layers:
+        """Return the sizes of the network whose calls are measured.
+
+        Raises:
+            ConfigError: sizes that make no network.
+        """
+        layers: Layers = convert(self.model.parameters.get("layers", {}), Layers, "model.parameters.layers")
+        return layers
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,12 @@ def measure(bench: Bench) -> Measured:
     problems = problems.sort_values("problem", kind="stable")  # the first of every scene, then the second ones
     asked = list(cases(environment.name, scenes, problems))
     place = Workplace(asked, environment.margin, contest, bench.parts)
-    model = load_model(bench.trained) if bench.trained else _untrained(bench.model, place.task.robot, contest.seed)
+    kinds = task_kinds([(place.task.robot, place.task.constraint)], centre=False)
+    model = (
+        load_model(bench.trained)
+        if bench.trained
+        else untrained(bench.layers(), kinds, bench.perception.voxels.size, contest.seed)
+    )
     voxels = scene_voxels(next(iter(scenes.values())).obstacles, bench.perception.voxels, bench.perception.seed)
     with single_threaded():
         parts = parts_table(place, model, voxels)
@@ -107,11 +120,3 @@ def measure(bench: Bench) -> Measured:
         parity=parity,
         scaling=scaling,
     )
-
-
-def _untrained(config: ModelConfig, robot: Robot, seed: int) -> Model:
-    """Return a model with the initial weights of its sizes."""
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        network = Compnetx(config.network).eval()
-    return Model(config.network, Normalisation(tuple(robot.box[0]), tuple(robot.box[1]), config.centre), network)

@@ -25,11 +25,11 @@ from pipeline.evaluation.ompl_route import Ompl
 from pipeline.evaluation.routes import Case, Manifold, Names, Ours, Role, Route
 from pipeline.evaluation.runner import Runner
 from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
+from pipeline.learning.choices import make_sampler
 from pipeline.manifolds import Adherence, AtlasParameters
 from pipeline.planners import PLANNERS, FmtStar, Planner, Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
 from pipeline.samplers import UniformSampler
-from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
 from pipeline.tasks import Task

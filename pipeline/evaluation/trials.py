@@ -11,9 +11,9 @@ import pandas as pd
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.routes import Manifold, Names, Ours, Role, cases
 from pipeline.evaluation.runner import Runner
+from pipeline.learning.choices import Learned, check_sampler, make_sampler
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Termination
 from pipeline.samplers import Asked, Then
-from pipeline.samplers.choices import Learned, check_sampler, make_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene
