@@ -13,6 +13,7 @@ from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 
+from pipeline.config import environments
 from pipeline.keys import imported_files
 
 _HEAD = """\
@@ -60,13 +61,13 @@ REPORT = Stage(
 
 def dag(root: Path) -> str:
     """Return the text of dvc.yaml for the stages of a repository at `root`, the same for all profiles."""
-    environments = sorted(path.stem for path in (root / "conf" / "environment").glob("*.yaml"))
-    stages = {f"{stage.name}-{name}": _stage(root, stage, name) for name in environments for stage in STAGES}
-    stages[REPORT.name] = _report(root, environments)
+    names = environments(root)
+    stages = {f"{stage.name}-{name}": _stage(root, stage, name) for name in names for stage in STAGES}
+    stages[REPORT.name] = _report(root, names)
     below = "${root}/artifacts/${profile}"
-    metrics = [f"{below}/{s.name}/{name}/metrics.json" for s in STAGES if s.metrics for name in environments]
+    metrics = [f"{below}/{s.name}/{name}/metrics.json" for s in STAGES if s.metrics for name in names]
     curves = {"x": "epoch", "y": ["train_loss", "val_loss"]}
-    plots = [{f"{below}/train/{name}/curves.csv": {**curves, "title": f"CoMPNetX, {name}"}} for name in environments]
+    plots = [{f"{below}/train/{name}/curves.csv": {**curves, "title": f"CoMPNetX, {name}"}} for name in names]
     content = {"stages": stages, "metrics": metrics, "plots": plots}
     return _HEAD + yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=10**6, allow_unicode=True)
 
@@ -93,8 +94,8 @@ def _stage(root: Path, stage: Stage, environment: str) -> dict[str, object]:
     }
 
 
-def _report(root: Path, environments: list[str]) -> dict[str, object]:
-    written = ["README.md", "layout.json", *(entry for name in environments for entry in (name, f"{name}.md"))]
+def _report(root: Path, names: list[str]) -> dict[str, object]:
+    written = ["README.md", "layout.json", *(entry for name in names for entry in (name, f"{name}.md"))]
     return {
         "wdir": "${root}",
         "desc": REPORT.says,

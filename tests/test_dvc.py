@@ -259,7 +259,8 @@ def test_dependencies_are_there_and_needed(copy, stages, imported, name):
 
 
 def test_every_environment_has_every_stage():
-    """An environment is a choice of Hydra in every group that is chosen by it, and the folder that a stage writes."""
+    """An environment is a choice of Hydra and the folder that a stage writes; groups that are chosen by it have files of
+    environments, and one for all others."""
     document = yaml.safe_load((ROOT / "dvc.yaml").read_text())
     scripts = dict.fromkeys(script_of(name) for name in STAGES if name != "report")
     assert sorted(STAGES) == sorted(
@@ -272,11 +273,12 @@ def test_every_environment_has_every_stage():
     chosen = {
         m
         for path in (ROOT / "conf").glob("*.yaml")
-        for m in re.findall(r"- (\w+): \$\{environment\}", path.read_text())
+        for m in re.findall(r"- (\w+): \$\{own_or:\1,\$\{environment\},arm\}", path.read_text())
     }
     assert chosen == {"oracle", "perception", "recipe", "experiment", "tried"}
     for group in (*chosen, "paper"):
-        assert sorted(path.stem for path in (ROOT / "conf" / group).glob("*.yaml")) == ENVIRONMENTS
+        files = {path.stem for path in (ROOT / "conf" / group).glob("*.yaml")}
+        assert {"arm", "sphere"} <= files <= {"arm", *ENVIRONMENTS}
     for path in document["metrics"]:
         stage, environment = re.fullmatch(
             r"\$\{root\}/artifacts/\$\{profile\}/(\w+)/(\w+)/metrics\.json", path
@@ -328,7 +330,7 @@ def edit(copy):
     [
         ("conf/perception/sphere.yaml", "seed", {"voxels-sphere"}),
         ("conf/perception/sphere.yaml", "size", {"voxels-sphere"}),
-        ("conf/perception/transport_panda.yaml", "size", {"voxels-transport_panda"}),
+        ("conf/perception/arm.yaml", "size", {"voxels-transport_panda"}),
         ("conf/model/compnetx_sphere.yaml", "dropout", {"train-sphere"}),
         ("conf/recipe/sphere.yaml", "spacing", {"train-sphere"}),
         ("conf/oracle/sphere.yaml", "shortcuts", {"demonstrations-sphere"}),
