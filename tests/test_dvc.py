@@ -259,7 +259,7 @@ def test_dependencies_are_there_and_needed(copy, stages, imported, name):
 
 
 def test_every_environment_has_every_stage():
-    """An environment is a choice of Hydra and the folder that a stage writes; groups that are chosen by it have files of
+    """An environment is a choice of Hydra and the folder that a stage writes; groups chosen by it have files of
     environments, and one for all others."""
     document = yaml.safe_load((ROOT / "dvc.yaml").read_text())
     scripts = dict.fromkeys(script_of(name) for name in STAGES if name != "report")
