@@ -207,7 +207,7 @@ def test_compose_is_the_command_line():
         ("train", "+model.network.hiden=[1]", ["unknown key 'hiden' in model.network", "'hidden'?", "dropout"]),
         ("benchmark", "+experiment.methods.fmt.lable=a", ["'lable' in experiment.methods.fmt", "'label'?", "sampler"]),
         ("scenes", "+environment.parameters.block=1", ["unknown key 'block' in environment", "'blocks'?", "latitude"]),
-        ("scenes", "environment.kind=sfere", ["environment is 'sfere'", "choices: family, sphere"]),
+        ("scenes", "environment.kind=sfere", ["environment is 'sfere'", "choices: family, folder, sphere"]),
         ("demonstrations", "oracle.planner.kind=prm", ["planner is 'prm'", "choices: fmt, rrt, rrtconnect"]),
         (
             "demonstrations",
