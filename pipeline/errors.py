@@ -19,6 +19,10 @@ class ArtifactError(PipelineError):
     """A file of an earlier stage is missing, truncated or foreign, or one cannot be written."""
 
 
+class ClusterError(PipelineError):
+    """Workers on this machine or others cannot be reached, run other code or went away."""
+
+
 class ProblemError(PipelineError):
     """A start, goal or scene cannot be planned for."""
 

@@ -30,6 +30,7 @@ _DISTRIBUTIONS = {
     "pinocchio": "pin",
     "yaml": "pyyaml",
 }
+_MOVES = "distributed"  # it moves work and results and changes none; whoever installs it keeps finished shards
 
 
 def digest(*parts: Any) -> str:
@@ -64,14 +65,26 @@ def code_digest(*scripts: Path, root: Path = _ROOT) -> str:
         root: the folder that holds our package.
     """
     sources = _closure(scripts, root)
-    names = {name.partition(".")[0] for source in sources.values() for name in source.imports}
-    data = [path for path in (root / _PACKAGE).rglob("*") if path.is_file() and not _ignored(path)]
+    data = {name: found for name, found in package_files(root).items() if not name.endswith(".py")}
     return digest(
         {name: source.code for name, source in sources.items()},
-        {_name(path, root): hashlib.sha256(path.read_bytes()).hexdigest() for path in data},
-        _versions(names - set(sys.stdlib_module_names) - {_PACKAGE}),
+        data,
+        package_versions(_modules(sources) - {_MOVES}),
         platform.python_version(),
     )
+
+
+def package_files(root: Path = _ROOT) -> dict[str, str]:
+    """Return a hash of the bytes of every file of our package, by its name relative to `root`."""
+    files = [path for path in sorted((root / _PACKAGE).rglob("*")) if path.is_file() and not _ignored(path)]
+    return {_name(path, root): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def loaded_packages() -> list[str]:
+    """Return the packages that the modules of ours in this process may import, with all that these require."""
+    ours = [module for name, module in sys.modules.items() if name.partition(".")[0] == _PACKAGE]
+    files = [Path(file) for module in ours if (file := getattr(module, "__file__", None))]
+    return list(package_versions(_modules(_closure(files, _ROOT))))
 
 
 def imported_files(scripts: Iterable[Path], root: Path = _ROOT) -> list[str]:
@@ -79,8 +92,11 @@ def imported_files(scripts: Iterable[Path], root: Path = _ROOT) -> list[str]:
     return sorted(_closure(scripts, root))
 
 
-def _versions(modules: Iterable[str]) -> dict[str, str]:
-    """Return the versions of the installed packages that hold top-level modules, and of all that these require."""
+def package_versions(modules: Iterable[str]) -> dict[str, str]:
+    """Return the versions of the packages that hold top-level modules, and of all that these require.
+
+    "none" where one is not installed.
+    """
     found: dict[str, str] = {}
     waiting = [_DISTRIBUTIONS.get(module, module) for module in modules]
     while waiting:
@@ -96,6 +112,12 @@ def _versions(modules: Iterable[str]) -> dict[str, str]:
         asked = [line for line in installed.requires or () if "extra ==" not in line]
         waiting += [match.group() for line in asked if (match := re.match(r"[\w.-]+", line))]
     return dict(sorted(found.items()))
+
+
+def _modules(sources: Mapping[str, "_Source"]) -> set[str]:
+    """Return the top-level modules of other packages that sources import."""
+    names = {name.partition(".")[0] for source in sources.values() for name in source.imports}
+    return names - set(sys.stdlib_module_names) - {_PACKAGE}
 
 
 def _plain(value: Any) -> Any:
@@ -175,7 +197,7 @@ def _described(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunc
 
 
 def _ignored(path: Path) -> bool:
-    return path.suffix in (".py", ".pyc") or any(part.startswith(".") for part in path.parts[-2:])
+    return path.suffix == ".pyc" or any(part.startswith(".") for part in path.parts[-2:])
 
 
 def _name(path: Path, root: Path) -> str:

@@ -40,7 +40,7 @@ def main(cfg: DictConfig) -> None:
     scratch = SCRATCH / "arms" / digest(asdict(contest), code_digest(Path(__file__)))
     with single_threaded():
         upkept = maintain(config.upkeep, contest.families, contest.seed)
-    with timed_shards(partial(arm_shard, contest), contest.shards(), scratch, 1, "arms", hardware()) as measured:
+    with timed_shards(partial(arm_shard, contest), contest.shards(), scratch, 1, "arms", hardware) as measured:
         rows = pd.concat(measured.frames, ignore_index=True)
         text = arms_page(rows[~rows["tried"]], rows[rows["tried"]], upkept, contest, command, measured.provenance)
         print(text, end="")

@@ -16,11 +16,11 @@ from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.trials import Experiment, benchmark_metrics, method_settings, run_trials, sample_clouds
 from pipeline.files import read_arrays, write_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
-from pipeline.learning import CompnetxNetwork, load_model
+from pipeline.learning.choices import Learned
+from pipeline.learning.compnetx import CompnetxNetwork, load_model
 from pipeline.parallel import single_threaded, timed_shards
 from pipeline.profile import Profile
 from pipeline.recording.trials import record_trials
-from pipeline.samplers.choices import Learned
 from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
@@ -34,6 +34,7 @@ class Config:
     cloud: int
     shard: int
     workers: int
+    cluster: str | None
 
     def __post_init__(self) -> None:
         require("cloud", self.cloud, at_least=1)
@@ -58,7 +59,7 @@ def main(cfg: DictConfig) -> None:
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "benchmark" / key
     path_columns = ["path", "waypoints", "dimension"]
     with (
-        timed_shards(work, items, scratch, config.workers, "benchmark", hardware()) as measured,
+        timed_shards(work, items, scratch, config.workers, "benchmark", hardware, config.cluster) as measured,
         atomic_folder(target) as out,
         single_threaded(),
     ):

@@ -17,10 +17,10 @@ from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
-from pipeline.learning import CompnetxNetwork, load_model
+from pipeline.learning.choices import Learned
+from pipeline.learning.compnetx import CompnetxNetwork, load_model
 from pipeline.parallel import timed_shards
 from pipeline.profile import Profile
-from pipeline.samplers.choices import Learned
 from pipeline.schema import convert
 from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
@@ -36,6 +36,7 @@ class Config:
     experiment: dict[str, Any]
     shard: int
     workers: int
+    cluster: str | None
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="choices")
@@ -60,7 +61,7 @@ def main(cfg: DictConfig) -> None:
     work = partial(run_trials, experiment, config.environment, scenes, learned)
     items, scratch = list(shards(problems, config.shard)), SCRATCH / "choices" / key
     with (
-        timed_shards(work, items, scratch, config.workers, "choices", hardware()) as measured,
+        timed_shards(work, items, scratch, config.workers, "choices", hardware, config.cluster) as measured,
         atomic_folder(target) as out,
     ):
         trials = pd.concat(measured.frames, ignore_index=True).drop(columns=["path", "waypoints", "dimension"])

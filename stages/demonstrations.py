@@ -28,6 +28,7 @@ class Config:
     oracle: Oracle
     shard: int
     workers: int
+    cluster: str | None
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="demonstrations")
@@ -49,6 +50,7 @@ def main(cfg: DictConfig) -> None:
         SCRATCH / "demonstrations" / key,
         config.workers,
         "demonstrations",
+        config.cluster,
     )
     paths = pd.concat(frames, ignore_index=True)
     clocked = ["planning_time", *place, "measured"]

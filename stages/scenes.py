@@ -24,6 +24,7 @@ class Config:
     profile: Profile
     environment: EnvironmentChoice
     workers: int
+    cluster: str | None
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="scenes")
@@ -42,6 +43,7 @@ def main(cfg: DictConfig) -> None:
         SCRATCH / "scenes" / key,
         config.workers,
         "scenes",
+        config.cluster,
     )
     with atomic_folder(target) as out:
         write_scenes(scenes, out)

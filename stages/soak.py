@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 class Config:
     soak: Soak
     workers: int
+    cluster: str | None
     output: Path | None
 
 
@@ -39,7 +40,8 @@ def main(cfg: DictConfig) -> None:
         check_file(config.output)
     key = digest(asdict(config.soak), code_digest(Path(__file__)))
     shards = config.soak.shards()
-    frames = run_shards(partial(soak_shard, config.soak), shards, SCRATCH / "soak" / key, config.workers, "soak")
+    work, scratch = partial(soak_shard, config.soak), SCRATCH / "soak" / key
+    frames = run_shards(work, shards, scratch, config.workers, "soak", config.cluster)
     rows = pd.concat(frames, ignore_index=True)
     command = shlex.join(["python", "stages/soak.py", *HydraConfig.get().overrides.task])
     text = soak_page(rows, config.soak, command)

@@ -1,4 +1,4 @@
-"""Train CoMPNetX on the demonstrations."""
+"""Train a model on the demonstrations."""
 
 import hydra
 from omegaconf import DictConfig
@@ -6,7 +6,7 @@ from omegaconf import DictConfig
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
 from pipeline.files import write_json
-from pipeline.learning import save_model
+from pipeline.learning.compnetx import save_model
 from pipeline.learning.recipe import Recipe, train_recipe
 from pipeline.stage import ARTIFACTS, SCRATCH, destination, guarded
 
@@ -16,9 +16,9 @@ from pipeline.stage import ARTIFACTS, SCRATCH, destination, guarded
 def main(cfg: DictConfig) -> None:
     config = load(cfg, Recipe)
     target = destination(config.profile.name, "train", config.environment.name)
-    trained = train_recipe(config, ARTIFACTS, SCRATCH / "train")
+    model, trained = train_recipe(config, ARTIFACTS, SCRATCH / "train")
     with atomic_folder(target) as out:
-        save_model(trained.model, out / "model.pt")
+        save_model(model, out / "model.pt")
         trained.curves.to_csv(out / "curves.csv", index=False)
         write_json(trained.metrics, out / "metrics.json")
 

@@ -10,10 +10,10 @@ from pipeline.config import load
 from pipeline.evaluation import summary
 from pipeline.evaluation.trials import Experiment, Method, run_trials
 from pipeline.files import read_arrays
-from pipeline.learning import CompnetxNetwork
+from pipeline.learning.choices import Learned
+from pipeline.learning.compnetx import CompnetxNetwork
 from pipeline.learning.recipe import Recipe, train_recipe
 from pipeline.parallel import single_threaded
-from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
 from pipeline.spec.scene import Split, pick, read_scenes, read_tasks
 from pipeline.stage import ARTIFACTS, SCRATCH, folder, guarded
@@ -48,9 +48,9 @@ def main(cfg: DictConfig) -> None:
     problems = read_tasks(source, scenes)
     problems = pick(problems, [Split.VALIDATION], config.problems_per_scene)
     recipe = Recipe(**{f.name: getattr(config, f.name) for f in fields(Recipe)})
-    trained = train_recipe(recipe, ARTIFACTS, SCRATCH / "train")
+    model, trained = train_recipe(recipe, ARTIFACTS, SCRATCH / "train")
     grids = read_arrays(folder(profile, "voxels", name) / "voxels.npz", "voxels", ("scene", "voxels"))
-    learned = Learned(CompnetxNetwork(trained.model), dict(zip(grids["scene"].tolist(), grids["voxels"], strict=True)))
+    learned = Learned(CompnetxNetwork(model), dict(zip(grids["scene"].tolist(), grids["voxels"], strict=True)))
     with single_threaded():
         trials = pd.concat(
             run_trials(experiment, config.environment, scenes, learned, rows) for _, rows in problems.groupby("scene")

@@ -20,14 +20,15 @@ from pipeline.constraints import sphere_constraint
 from pipeline.environments import ENVIRONMENTS
 from pipeline.errors import ConfigError
 from pipeline.evaluation.choices import variants
+from pipeline.learning.choices import Learned, make_sampler
+from pipeline.learning.compnetx import Layers
 from pipeline.learning.recipe import Recipe
 from pipeline.manifolds import make_adherence
 from pipeline.planners import PLANNERS
 from pipeline.profile import BenchmarkScale, ChoicesScale, ScenesScale, TrainScale
 from pipeline.robots import ROBOTS, Validity, point_robot
-from pipeline.samplers.choices import Learned, make_sampler
 from pipeline.samplers.uniform import UniformParameters
-from pipeline.schema import Choice
+from pipeline.schema import Choice, convert
 from pipeline.spec.environment import EnvironmentChoice
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
@@ -78,6 +79,8 @@ def make(where: tuple[str, ...], choice: Choice) -> Any:
         return make_sampler(choice, Learned(None, {}))  # samplers ask the network when they start, not before
     if group == "robot":
         return choice.make(ROBOTS, group)
+    if group == "model":  # a recipe makes its own
+        return convert(choice.parameters["layers"], Layers)
     assert group == "adherence"
     robot = point_robot(0.001, [-1.1] * 3, [1.1] * 3)
     return make_adherence(choice, sphere_constraint(robot, "point"), Validity(robot, ()))
@@ -204,7 +207,11 @@ def test_compose_is_the_command_line():
             ["unknown key 'shortcut' in oracle", "'shortcuts'?", "max_iterations"],
         ),
         ("voxels", "+perception.voxels.sice=1", ["unknown key 'sice' in perception.voxels", "'size'?", "density"]),
-        ("train", "+model.network.hiden=[1]", ["unknown key 'hiden' in model.network", "'hidden'?", "dropout"]),
+        (
+            "train",
+            "+model.parameters.layers.hiden=[1]",
+            ["unknown key 'hiden' in model.layers", "'hidden'?", "dropout"],
+        ),
         ("benchmark", "+experiment.methods.fmt.lable=a", ["'lable' in experiment.methods.fmt", "'label'?", "sampler"]),
         ("scenes", "+environment.parameters.block=1", ["unknown key 'block' in environment", "'blocks'?", "latitude"]),
         ("scenes", "environment.kind=sfere", ["environment is 'sfere'", "choices: family, folder, sphere"]),
@@ -219,8 +226,8 @@ def test_compose_is_the_command_line():
         ("scenes", "profile.scenes.pairs=many", ["profile.scenes.pairs is 'many' (str)", "type int"]),
         ("scenes", "profile.scenes.pairs=0", ["profile.scenes.pairs is 0", "above 0"]),
         ("train", "profile.train.epochs=0", ["profile.train.epochs is 0", "above 0"]),
-        ("train", "reverse=1", ["reverse is 1 (int)", "type bool"]),
-        ("train", "model.network.dropout=1", ["network.dropout is 1.0", "below 1"]),
+        ("train", "model.parameters.reverse=1", ["reverse is 1 (int)", "type bool"]),
+        ("train", "model.parameters.layers.dropout=1", ["network.dropout is 1.0", "below 1"]),
         ("benchmark", "experiment.time_limit=0", ["time_limit is 0.0 s", "above 0 s"]),
         ("benchmark", "+experiment.verifier.endpoint=nan", ["verifier.endpoint is nan", "finite and above 0"]),
         ("voxels", "perception.voxels.lower=[0,0]", ["perception.voxels.lower has 2 items", "expected 3"]),
@@ -235,15 +242,14 @@ def test_wrong_values_are_named(stage, override, said):
     assert [words for words in said if words not in str(caught.value)] == []
 
 
-# Judged later by what uses them: how many processes and pieces (run_shards, shards), the spacing of the pairs
-# (demonstration_pairs), and the numbers of trials (Experiment, pick).
+# Judged later by what uses them: how many processes and pieces (run_shards, shards), and the numbers of trials
+# (Experiment, pick).
 LATER = {
     "demonstrations": ("workers", "shard"),
     "scenes": ("workers",),
     "benchmark": ("workers", "shard"),
     "choices": ("workers", "shard", "seed", "time_limit", "experiment."),
-    "train": ("spacing",),
-    "tune": ("spacing", "time_limit", "trial_seed", "problems_per_scene"),
+    "tune": ("time_limit", "trial_seed", "problems_per_scene"),
     "voxels": ("perception.voxels.shell.1",),  # see test_thickness_of_the_shell_is_a_number
 }
 

@@ -332,7 +332,7 @@ def edit(copy):
         ("conf/perception/sphere.yaml", "seed", {"voxels-sphere"}),
         ("conf/perception/sphere.yaml", "size", {"voxels-sphere"}),
         ("conf/perception/arm.yaml", "size", {"voxels-transport_panda"}),
-        ("conf/model/compnetx_sphere.yaml", "dropout", {"train-sphere"}),
+        ("conf/model/compnetx.yaml", "dropout", set(of("train"))),
         ("conf/recipe/sphere.yaml", "spacing", {"train-sphere"}),
         ("conf/oracle/sphere.yaml", "shortcuts", {"demonstrations-sphere"}),
         ("conf/tried/sphere.yaml", "time_limit", {"choices-sphere"}),

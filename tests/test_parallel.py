@@ -186,7 +186,7 @@ HERE = {"commit": "1234567", "cpu": "a processor", "packages": {"numpy": "2.0"}}
 def measure(tmp_path, log, items, provenance=HERE, workers=1, fail=False):
     """Run timed shards; return their tables and what is said about where they are from."""
     scratch = tmp_path / "scratch" / "key"
-    with timed_shards(partial(work, log, {}), items, scratch, workers, "test", provenance) as measured:
+    with timed_shards(partial(work, log, {}), items, scratch, workers, "test", partial(dict, provenance)) as measured:
         if fail:
             raise OSError("the disk is full")
     return measured.frames, measured.provenance

@@ -18,7 +18,12 @@ from pipeline.machine import processor
 from pipeline.provenance import commit
 from pipeline.sweep import ROW, OwnFolders, SweepTable, keep_row
 
-OVERRIDES = ["profile=standard", "method.planner.parameters.samples=200", "model.network.hidden=[8,8]", "~threads"]
+OVERRIDES = [
+    "profile=standard",
+    "method.planner.parameters.samples=200",
+    "model.parameters.layers.hidden=[8,8]",
+    "~training.threads",
+]
 
 
 def end(folder) -> None:
@@ -113,8 +118,8 @@ def test_job_of_a_sweep_keeps_its_row(tmp_path, job):
     assert list(row.items()) == [
         ("profile", "standard"),
         ("method.planner.parameters.samples", "200"),
-        ("model.network.hidden", "[8,8]"),
-        ("~threads", ""),
+        ("model.parameters.layers.hidden", "[8,8]"),
+        ("~training.threads", ""),
         ("n", 20),
         ("solved [%]", 95.0),
     ]
@@ -155,13 +160,13 @@ def test_every_sweep_is_looked_at(stage):
         ("scenes", ["environment.parameters.seed=1,2"], (0, 1)),
         ("scenes", ["profile=quick,standard"], None),
         ("scenes", ["profile=quick,standard", "environment.parameters.seed=1,2"], (0, 1)),
-        ("train", ["seed=choice(1,2)", "profile.name=a,b"], (0, 2)),
+        ("train", ["training.seed=choice(1,2)", "profile.name=a,b"], (0, 2)),
         ("report", ["profile=quick,standard"], (0, 1)),
         ("report", ["profile=quick,standard", "output=out/${profile.name}"], None),
         ("bench", ["contest.seed=1,2"], None),  # prints only
         ("bench", ["contest.seed=1,2", "output=page.md"], (0, 1)),
-        ("tune", ["seed=1,2"], None),
-        ("tune", ["seed=1,2", "hydra.sweep.subdir=x"], (0, 1)),
+        ("tune", ["training.seed=1,2"], None),
+        ("tune", ["training.seed=1,2", "hydra.sweep.subdir=x"], (0, 1)),
         ("scenes", ["workers=1"], None),
     ],
 )

@@ -1,9 +1,10 @@
-"""Implicit constraints F(q) = 0, each one CasADi expression, and conditions g(q) >= 0."""
+"""Implicit constraints F(q) = 0, each one CasADi expression, conditions g(q) >= 0, and target sets."""
 
 from pipeline.constraints.balance import balanced, feet_on_ground
 from pipeline.constraints.base import Constraint, Projection
 from pipeline.constraints.compiled import Compiled
 from pipeline.constraints.conditions import Condition
+from pipeline.constraints.cone import cone
 from pipeline.constraints.couplings import following
 from pipeline.constraints.feasibility import feasible
 from pipeline.constraints.free import Unconstrained
@@ -26,6 +27,7 @@ __all__ = [
     "balanced",
     "chain",
     "closed_chain",
+    "cone",
     "feasible",
     "feet_on_ground",
     "following",

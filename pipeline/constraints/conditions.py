@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.constraints.compiled import Compiled
 from pipeline.constraints.structure import Expressions, structure_of
+from pipeline.constraints.within import Within
 from pipeline.errors import ConstraintError
 from pipeline.robots import Numbers
 
@@ -50,6 +51,21 @@ class Condition:
         self._numbers = numbers.values
         self._least = self._compiled("least", lambda q: ca.mmin(self._structure.rows(q)))
         self._slack = self._compiled("g", self._structure.rows)
+
+    @classmethod
+    def within(
+        cls,
+        name: str,
+        q: ca.SX,
+        within: Within,
+        labels: Sequence[str],
+        bend: Callable[[np.ndarray], np.ndarray] | None = None,
+        numbers: Numbers | None = None,
+    ) -> "Condition":
+        """Return the condition that values are within bounds: a row a finite bound. `labels` name the values (m,)."""
+        numbers = numbers or Numbers()
+        rows, which = within.slack(numbers)
+        return cls(name, q, rows, [f"{labels[i]} {bound}" for i, bound in which], bend, numbers)
 
     def rows(self, q: ca.SX, numbers: Numbers) -> ca.SX:
         """Return g as an expression (k, 1) of q (n,), for an expression that takes `numbers` as arguments."""

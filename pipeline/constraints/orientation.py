@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from pipeline.constraints.within import Within
 from pipeline.robots import Numbers
 from pipeline.robots.symbolic import direction_error, roll_pitch_yaw, rotation_vector
 
@@ -97,28 +98,21 @@ class AngleBounds:
         """Whether the pitch is fixed at a quarter turn, where roll and yaw are one."""
         return bool(self.fixed[PITCH] and abs(np.cos(self.middle[PITCH])) < _FIXED_ONE)
 
-    def symbolic_beyond(self, R: ca.SX, inset: float, numbers: Numbers) -> ca.SX:
-        """Return rows that are how far an orientation is outside of the bounds [rad], and 0 all over the inside.
-
-        Args:
-            R: orientation (3, 3).
-            inset: by which intervals are made smaller at both ends [rad], as far as they are that wide.
-            numbers: takes the bounds.
-        """
+    def within(self, R: ca.SX, numbers: Numbers) -> Within:
+        """Return what the bounds say of an orientation (3, 3) [rad]; the angles in them are numbers."""
         if all(self.fixed | self.free):
-            return self.symbolic_turn(R, numbers)[0] if any(self.fixed) else ca.SX(0, 1)
-        half = self.half - np.minimum(inset, self.half)
+            return Within.zero(self.symbolic_turn(R, numbers)[0] if any(self.fixed) else ca.SX(0, 1))
         if self.at_quarter_turn:
             side = np.sign(np.sin(self.middle[PITCH]))
-            rows = direction_error(R[2, :].T, np.array([-side, 0.0, 0.0]), None, numbers)
+            rows = Within.zero(direction_error(R[2, :].T, np.array([-side, 0.0, 0.0]), None, numbers))
             if self.free[ROLL] or self.free[YAW]:
                 return rows
             turn = ca.atan2(side * R[1, 2] - R[0, 1], R[1, 1] + side * R[0, 2])  # yaw less, or plus, roll
             turn -= numbers(self.middle[YAW] - side * self.middle[ROLL])
-            turn = ca.atan2(ca.sin(turn), ca.cos(turn))
-            return ca.vertcat(rows, _outside(turn, max(self.half[ROLL] + self.half[YAW] - inset, 0.0), numbers))
-        apart = self.symbolic_nearest(R, numbers) - numbers(self.middle)
-        return ca.vertcat(*(_outside(apart[i], half[i], numbers) for i in (ROLL, PITCH, YAW) if not self.free[i]))
+            half = self.half[[ROLL]] + self.half[[YAW]]
+            return Within.together(rows, Within(ca.atan2(ca.sin(turn), ca.cos(turn)), -half, half))
+        apart, bound = self.symbolic_nearest(R, numbers) - numbers(self.middle), np.flatnonzero(~self.free)
+        return Within(apart[bound.tolist()], -self.half[bound], self.half[bound])
 
     def _at_a_quarter_turn(self, R: np.ndarray, pitch: float) -> np.ndarray:
         """Return roll, pitch and yaw (3,) from the middle of the bounds where only yaw -/+ roll is known."""
@@ -139,14 +133,6 @@ def finite_turn(low: float, high: float) -> tuple[float, float]:
     if np.isfinite(low):
         return low, low + 2 * np.pi
     return (high - 2 * np.pi, high) if np.isfinite(high) else (-np.pi, np.pi)
-
-
-def _outside(apart: ca.SX, half: float, numbers: Numbers) -> ca.SX:
-    """How far a difference from a middle is beyond half a width, with its sign."""
-    if half == 0:
-        return apart
-    width = numbers(half)
-    return ca.fmax(apart - width, 0) + ca.fmin(apart + width, 0)
 
 
 def _elevation(direction: ca.SX, normal: ca.SX) -> ca.SX:

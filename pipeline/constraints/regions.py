@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 from pipeline.constraints.base import Constraint
 from pipeline.constraints.orientation import AngleBounds, finite_turn
 from pipeline.constraints.poses import closed_chain
+from pipeline.constraints.within import Within
 from pipeline.errors import ConstraintError
 from pipeline.robots import IDENTITY, Numbers, Placement, Robot
 from pipeline.robots.symbolic import Pose
@@ -129,25 +130,12 @@ class TaskSpaceRegion:
         labels = [f"{AXES[i]} of {frame} in the region [{_UNITS[i]}]" for i in places]
         return Constraint(f"region of {frame}", q, ca.vertcat(*values), labels=labels, numbers=p, **settings)
 
-    def symbolic_outside(self, T: Pose, numbers: Numbers, inset: float = 0.0) -> ca.SX:
-        """Return rows that are how far a pose of e in the world is outside of the bounds [m, rad]; 0 inside.
-
-        Args:
-            T: the pose.
-            numbers: takes places and bounds.
-            inset: by which intervals are made smaller at both ends [m, rad], as far as they are that wide.
-        """
-        T_w, rows = self._inside(T, numbers), []
-        for i in [i for i in range(3) if not self.free[i]]:
-            value, low, high = T_w.position[i], self.lower[i], self.upper[i]
-            if low == high:
-                rows.append(value - numbers(low))
-                continue
-            kept = min(inset, (high - low) / 2)
-            above = ca.fmax(value - numbers(high - kept), 0) if high < np.inf else ca.SX(0)
-            below = ca.fmin(value - numbers(low + kept), 0) if low > -np.inf else ca.SX(0)
-            rows.append(above + below)
-        return ca.vertcat(*rows, self._angles.symbolic_beyond(T_w.rotation, inset, numbers))
+    def within(self, T: Pose, numbers: Numbers) -> Within:
+        """Return what bounds say of a pose of e in the world, with places and angles as numbers [m, rad]."""
+        T_w, places = self._inside(T, numbers), [i for i in range(3) if not self.free[i]]
+        values = ca.vertcat(ca.SX(0, 1), *(T_w.position[i] for i in places))
+        positions = Within(values, np.array(self.lower)[places], np.array(self.upper)[places])
+        return Within.together(positions, self._angles.within(T_w.rotation, numbers))
 
     @cached_property
     def _angles(self) -> AngleBounds:

@@ -9,7 +9,7 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -18,6 +18,7 @@ from pipeline.constraints.compiled import Compiled
 from pipeline.constraints.native import native
 from pipeline.errors import ConstraintError
 
+Made = TypeVar("Made")
 _MOST = 64  # structures that are kept: those of the last tasks
 
 
@@ -40,7 +41,7 @@ class Structure:
         self._function = function
         self.n, self.k, numbers = function.size1_in(0), function.size1_out(0), function.size1_in(1)
         self.p = ca.SX.sym("p", numbers)
-        self._made: dict[Hashable, ca.Function] = {}
+        self._made: dict[Hashable, object] = {}
 
     def rows(self, q: ca.SX) -> ca.SX:
         """Return F as an expression (k, 1) of q (n,) and `p`."""
@@ -80,11 +81,11 @@ class Structure:
             machine: as machine code where there is a C compiler; None: where it was compiled before.
             bound: values of the last arguments that `make` returns, which are bound as well.
         """
-        function = self._kept((key, columns), lambda: self._mapped(key, make, columns))
+        function = self.kept((key, columns), lambda: self._mapped(key, make, columns))
         if machine is not False:
             plain, kept_only = function, machine is None
             made = (key, columns, "kept" if kept_only else "machine")
-            function = self._kept(made, lambda: native(plain, kept_only) or plain)
+            function = self.kept(made, lambda: native(plain, kept_only) or plain)
         return Compiled(function, bound=[*bound, *([numbers] if len(numbers) else [])])
 
     def _mapped(self, key: tuple[Hashable, ...], make: Callable[[], Expressions], columns: int) -> ca.Function:
@@ -93,13 +94,14 @@ class Structure:
             given = [self.p] if self.p.numel() else []
             return ca.Function(str(key[0]), [*arguments, *given], [ca.densify(result) for result in results])
 
-        function = self._kept((key, 1), made)
+        function = self.kept((key, 1), made)
         return function.map(columns) if columns > 1 else function
 
-    def _kept(self, key: Hashable, make: Callable[[], ca.Function]) -> ca.Function:
+    def kept(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """Return what `make` returned when it was first called for a key."""
         if key not in self._made:
             self._made[key] = make()
-        return self._made[key]
+        return cast(Made, self._made[key])
 
 
 _STRUCTURES: OrderedDict[str, Structure] = OrderedDict()

@@ -5,7 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from pipeline.constraints.inverse import InverseKinematics, with_values
+from pipeline.constraints.inverse import InverseKinematics
+from pipeline.constraints.targets import with_values
 from pipeline.environments.furniture import box, random_object
 from pipeline.environments.task import NEAR, NEAR_ITSELF, Ends, Family, Pair
 from pipeline.robots import Obstacle, Placement, UrdfRobot

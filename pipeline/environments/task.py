@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from pipeline.constraints import TaskSpaceRegion
-from pipeline.constraints.inverse import InverseKinematics, in_region
+from pipeline.constraints.inverse import InverseKinematics
+from pipeline.constraints.targets import in_region
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.robots import Obstacle, Placement, UrdfRobot
 from pipeline.spec.statement import Carried, Level, OnPlane, Statement

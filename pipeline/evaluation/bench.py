@@ -4,19 +4,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import torch
 
 from pipeline.environments import BLOCKS, ENVIRONMENTS
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.costs import Parts, Workplace, parts_table, scaling_lines, scaling_table
 from pipeline.evaluation.oracle import Oracle
 from pipeline.evaluation.peers import Contest, contest_trials, goal_lines, parity_lines, parity_table, planning_table
-from pipeline.learning import Model, Normalisation, load_model
-from pipeline.learning.networks import Compnetx
-from pipeline.learning.recipe import ModelConfig
+from pipeline.learning.compnetx import Layers, load_model, untrained
+from pipeline.learning.task_kinds import task_kinds
 from pipeline.parallel import single_threaded
 from pipeline.perception import Perception, scene_voxels
-from pipeline.robots import Robot
+from pipeline.schema import Choice, convert
 from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import Split
 from pipeline.tasks import set_up
@@ -36,7 +34,7 @@ class Bench:
 
     environment: EnvironmentChoice
     perception: Perception
-    model: ModelConfig
+    model: Choice
     trained: Path | None
     scenes: int
     contest: Contest
@@ -53,6 +51,16 @@ class Bench:
             require(name, getattr(self, name), at_least=1)
         if set(self.goals.planners) != set(self.contest.labels):
             raise ConfigError(f"goals.planners has {list(self.goals.planners)}; expected {self.contest.labels}")
+        self.layers()
+
+    def layers(self) -> Layers:
+        """Return the sizes of the network whose calls are measured.
+
+        Raises:
+            ConfigError: sizes that make no network.
+        """
+        layers: Layers = convert(self.model.parameters.get("layers", {}), Layers, "model.parameters.layers")
+        return layers
 
 
 @dataclass(frozen=True)
@@ -83,10 +91,12 @@ def measure(bench: Bench) -> Measured:
     per_scene = -(-max(contest.problems, bench.demonstrations) // len(scenes))
     problems = pd.concat([environment.tasks(scene, per_scene) for scene in scenes.values()])
     problems = problems.sort_values("problem", kind="stable")  # the first of every scene, then the second ones
+    setup = set_up(found[0].statement)
+    kinds = task_kinds([(setup.robot, setup.constraint)], centre=False)
     model = (
         load_model(bench.trained)
         if bench.trained
-        else _untrained(bench.model, set_up(found[0].statement).robot, contest.seed)
+        else untrained(bench.layers(), kinds, bench.perception.voxels.size, contest.seed)
     )
     voxels = scene_voxels(next(iter(scenes.values())).obstacles, bench.perception.voxels, bench.perception.seed)
     place = Workplace(
@@ -118,11 +128,3 @@ def measure(bench: Bench) -> Measured:
         parity=parity,
         scaling=scaling,
     )
-
-
-def _untrained(config: ModelConfig, robot: Robot, seed: int) -> Model:
-    """Return a model with the initial weights of its sizes."""
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        network = Compnetx(config.network).eval()
-    return Model(config.network, Normalisation(tuple(robot.box[0]), tuple(robot.box[1]), config.centre), network)

@@ -19,15 +19,16 @@ import torch
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.oracle import Oracle, demonstrate, shards
 from pipeline.evaluation.statistics import summary
-from pipeline.learning import CompnetxNetwork, Model, Products
+from pipeline.learning.choices import check_sampler
+from pipeline.learning.compnetx import CompnetxNetwork, Model
 from pipeline.learning.dropout import draw_masks
+from pipeline.learning.products import Products
 from pipeline.manifolds import Adherence, Traversal, make_adherence
 from pipeline.manifolds.screening import POINTS
 from pipeline.parallel import run_shards
 from pipeline.planners import PLANNERS, Planner, Problem, Termination
 from pipeline.robots import Validity
 from pipeline.samplers import UniformSampler
-from pipeline.samplers.choices import check_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene

@@ -8,10 +8,10 @@ import numpy as np
 from pipeline.environments.families import KINDS, make_family
 from pipeline.environments.task import Family
 from pipeline.errors import ConfigError, require
+from pipeline.learning.choices import make_sampler
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination
 from pipeline.robots import ROBOTS, Geometry, UrdfRobot
-from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
 from pipeline.tasks import Task
 from pipeline.verification.judge import Judge

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.constraints.native import find_compiler
-from pipeline.learning.inference import fastest_products
+from pipeline.learning.products import fastest_products
 from pipeline.machine import described, processor
 from pipeline.provenance import commit, versions
 

@@ -23,12 +23,12 @@ from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
 from pipeline.evaluation.clusters import paired_interval, success_interval
 from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
+from pipeline.learning.choices import make_sampler
 from pipeline.manifolds import Adherence, AtlasParameters, joined, make_adherence
 from pipeline.planners import PLANNERS, FmtStar, Planner, PlanResult, Problem, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
 from pipeline.robots import Validity
 from pipeline.samplers import Sampler, UniformSampler
-from pipeline.samplers.choices import make_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import ConfigError, require
+from pipeline.learning.choices import Learned, check_sampler, make_sampler
 from pipeline.manifolds import Adherence, make_adherence
 from pipeline.planners import PLANNERS, Clock, FmtStar, Planner, Problem, Termination
 from pipeline.samplers import Asked, Sampler, Then
-from pipeline.samplers.choices import Learned, check_sampler, make_sampler
 from pipeline.schema import Choice
 from pipeline.spec.environment import Margins
 from pipeline.spec.scene import Scene, flatten

@@ -1,24 +1,5 @@
-"""Learning: CoMPNetX's networks, their data, their file and their use at planning time.
+"""Learning: one engine that trains any model, and a folder for each model with its networks, training and sampler.
 
-Training is imported from `pipeline.learning.training`, so that planning does not wait for Lightning.
+Training is imported from `pipeline.learning.engine` and the models' recipes, so that planning does not wait for
+Lightning.
 """
-
-from pipeline.learning.batches import TrainingData
-from pipeline.learning.inference import CompnetxNetwork, Products
-from pipeline.learning.model import Model, Normalisation, load_model, save_model
-from pipeline.learning.networks import NetworkParameters
-from pipeline.learning.pairs import Pairs, demonstration_pairs, split_by_scene
-
-__all__ = [
-    "CompnetxNetwork",
-    "Model",
-    "NetworkParameters",
-    "Normalisation",
-    "Pairs",
-    "Products",
-    "TrainingData",
-    "demonstration_pairs",
-    "load_model",
-    "save_model",
-    "split_by_scene",
-]

@@ -1,27 +1,29 @@
-"""From demonstrations and voxels to a trained network: what the train stage and the sweeps over it share."""
+"""Models by kind: what the train stage and the sweeps over it share."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.errors import ArtifactError
 from pipeline.files import read_arrays, read_table
-from pipeline.learning.batches import TrainingData
-from pipeline.learning.model import Normalisation
-from pipeline.learning.networks import NetworkParameters
-from pipeline.learning.pairs import demonstration_pairs, split_by_scene
-from pipeline.learning.training import Trained, TrainParameters, train
+from pipeline.learning.compnetx import Model
+from pipeline.learning.compnetx.recipe import CompnetxRecipe, train_compnetx
+from pipeline.learning.engine import Trained, TrainParameters
 from pipeline.profile import Profile
+from pipeline.schema import Choice
 from pipeline.spec.environment import EnvironmentChoice
-from pipeline.spec.scene import Split, read_scenes
-from pipeline.tasks import set_up
+from pipeline.spec.scene import read_scenes
+
+RECIPES = {"compnetx": CompnetxRecipe}
 
 
 @dataclass(frozen=True)
-class ModelConfig:
-    """Sizes of the network and how configurations are normalised."""
+class Training:
+    """How to train, but for the epochs, which are the profile's; see `TrainParameters`."""
 
-    network: NetworkParameters
-    centre: bool
+    batch_size: int
+    learning_rate: float
+    warmup: float
+    seed: int
+    threads: int
 
 
 @dataclass(frozen=True)
@@ -30,40 +32,38 @@ class Recipe:
 
     profile: Profile
     environment: EnvironmentChoice
-    model: ModelConfig
-    spacing: float
-    reverse: bool
-    batch_size: int
-    learning_rate: float
-    warmup: float
-    seed: int
-    threads: int
+    model: Choice
+    training: Training
+
+    def __post_init__(self) -> None:
+        self.made()
+
+    def made(self) -> CompnetxRecipe:
+        """Return what is trained on what.
+
+        Raises:
+            ConfigError: no such kind of model, or parameters that do not fit it.
+        """
+        recipe: CompnetxRecipe = self.model.make(RECIPES, "model")
+        return recipe
 
     def parameters(self) -> TrainParameters:
         """Return what `train` takes."""
+        given = self.training
         return TrainParameters(
-            self.profile.train.epochs, self.batch_size, self.learning_rate, self.warmup, self.seed, self.threads
+            self.profile.train.epochs, given.batch_size, given.learning_rate, given.warmup, given.seed, given.threads
         )
 
 
-def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> Trained:
+def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> tuple[Model, Trained]:
     """Train from the files below `artifacts`; work in progress is kept in `scratch`.
 
     Raises:
         ArtifactError: a file is missing or foreign, or no demonstration of a validation scene was solved.
     """
-    source = artifacts / recipe.profile.name
-    setup = set_up(next(iter(read_scenes(source / "scenes" / recipe.environment.name).values())).statement)
-    robot, constraint = setup.robot, setup.constraint
-    parameters = recipe.parameters()
-    grids = read_arrays(source / "voxels" / recipe.environment.name / "voxels.npz", "voxels")
-    paths = read_table(source / "demonstrations" / recipe.environment.name / "paths.parquet", "paths")
-    paths = paths[paths["solved"]]
-    scenes = [str(scene) for scene in grids["scene"]]
-    held_out = sorted(set(paths[paths["split"] == Split.VALIDATION.value]["scene"]))
-    if not held_out:
-        raise ArtifactError("no validation scene has a solved demonstration: nothing to choose a checkpoint by")
-    pairs = demonstration_pairs(paths, scenes, recipe.spacing, lambda Q: constraint.project_batch(Q)[0], recipe.reverse)
-    data = TrainingData(grids["voxels"].astype(bool), *split_by_scene(pairs, scenes, held_out))
-    normalisation = Normalisation(tuple(robot.box[0]), tuple(robot.box[1]), recipe.model.centre)
-    return train(parameters, recipe.model.network, normalisation, data, scratch)
+    source, name = artifacts / recipe.profile.name, recipe.environment.name
+    scenes = read_scenes(source / "scenes" / name)
+    grids = read_arrays(source / "voxels" / name / "voxels.npz", "voxels")
+    paths = read_table(source / "demonstrations" / name / "paths.parquet", "paths")
+    voxels = dict(zip(map(str, grids["scene"]), grids["voxels"], strict=True))
+    return train_compnetx(recipe.made(), recipe.parameters(), scenes, voxels, paths, scratch)

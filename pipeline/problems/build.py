@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.constraints import Constraint, feasible, turns_on
-from pipeline.constraints.inverse import InverseKinematics, Target, at_pose, in_region, with_values
+from pipeline.constraints.inverse import InverseKinematics
+from pipeline.constraints.targets import Target, at_pose, in_region, with_values
 from pipeline.errors import ProblemError, RobotError, told_apart, unknown
 from pipeline.problems.file import ProblemFile, Where, choice
 from pipeline.robots import ROBOTS, Obstacle, Robot, UrdfRobot, Validity

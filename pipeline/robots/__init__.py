@@ -1,6 +1,7 @@
 """Robots: pinocchio models, symbolic kinematics, obstacles and collision checking."""
 
 from pipeline.robots.bodies import Geometry
+from pipeline.robots.clearance_bounds import ClearanceBounds, obstacle_numbers
 from pipeline.robots.collision import Validity
 from pipeline.robots.contact import Contact, Pair
 from pipeline.robots.description import Movable
@@ -18,6 +19,7 @@ __all__ = [
     "IDENTITY",
     "PRIMITIVES",
     "ROBOTS",
+    "ClearanceBounds",
     "Contact",
     "Geometry",
     "Movable",
@@ -30,6 +32,7 @@ __all__ = [
     "UrdfRobot",
     "Validity",
     "attach",
+    "obstacle_numbers",
     "obstacles_from_frame",
     "obstacles_to_frame",
     "point_robot",

@@ -3,15 +3,14 @@
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 
 from pipeline.config import compose, load
 from pipeline.environments import FamilyEnvironment
 from pipeline.evaluation.trials import Experiment, Method, run_trials
-from pipeline.learning import CompnetxNetwork, Model, NetworkParameters, Normalisation
-from pipeline.learning.networks import Compnetx
+from pipeline.learning.choices import Learned
+from pipeline.learning.compnetx import CompnetxNetwork, Layers, untrained
+from pipeline.learning.task_kinds import task_kinds
 from pipeline.planners import PlanStatus
-from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
 from pipeline.spec.scene import Scene, Split
 from pipeline.tasks import set_up
@@ -45,14 +44,11 @@ def of(family: str) -> tuple[FamilyEnvironment | object, dict[str, Choice]]:
     }
 
 
-def untrained(scene: Scene) -> Learned:
+def learned_nothing(scene: Scene) -> Learned:
     """Return a network that has learned nothing, for the robot of a scene."""
-    robot = set_up(scene.statement).robot
-    torch.manual_seed(0)
-    sizes = NetworkParameters(
-        dimension=robot.dimension, grid=11, scene_hidden=8, scene_code=8, hidden=(16, 8), dropout_layers=2
-    )
-    model = Model(sizes, Normalisation(tuple(robot.box[0]), tuple(robot.box[1])), Compnetx(sizes).eval())
+    setup = set_up(scene.statement)
+    kinds = task_kinds([(setup.robot, setup.constraint)], centre=False)
+    model = untrained(Layers(scene_hidden=8, scene_code=8, hidden=(16, 8), dropout_layers=2), kinds, 11, 0)
     return Learned(CompnetxNetwork(model), {scene.name: np.zeros((11, 11, 11), bool)})
 
 
@@ -61,7 +57,7 @@ def trials(request) -> pd.DataFrame:
     environment, adherences = of(request.param)
     scene = environment.scenes({Split.TEST: 1})[0]
     experiment = Experiment(METHODS, adherences, LIMIT, 4, VerifierParameters())
-    return run_trials(experiment, environment, {scene.name: scene}, untrained(scene), environment.tasks(scene, 1))
+    return run_trials(experiment, environment, {scene.name: scene}, learned_nothing(scene), environment.tasks(scene, 1))
 
 
 def test_every_combination_has_its_row(trials):

@@ -7,16 +7,15 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 
 from pipeline.environments import BANDS, BLOCKS, Band, SphereEnvironment
 from pipeline.errors import ConfigError
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.trials import Experiment, Method, benchmark_metrics, run_trials, sample_clouds
-from pipeline.learning import CompnetxNetwork, Model, NetworkParameters, Normalisation
-from pipeline.learning.networks import Compnetx
+from pipeline.learning.choices import Learned
+from pipeline.learning.compnetx import CompnetxNetwork, Layers, untrained
+from pipeline.learning.task_kinds import task_kinds
 from pipeline.planners import PLANNERS, Planner, PlanStatus
-from pipeline.samplers.choices import Learned
 from pipeline.schema import Choice
 from pipeline.spec.scene import Split, unflatten
 from pipeline.tasks import set_up
@@ -46,9 +45,9 @@ def experiment(**changes) -> Experiment:
 
 @pytest.fixture(scope="module")
 def learned() -> Learned:
-    torch.manual_seed(0)
-    sizes = NetworkParameters(dimension=3, grid=11, scene_hidden=8, scene_code=8, hidden=(16, 8), dropout_layers=2)
-    model = Model(sizes, Normalisation((-1.1,) * 3, (1.1,) * 3), Compnetx(sizes).eval())
+    setup = set_up(next(iter(SCENES.values())).statement)
+    kinds = task_kinds([(setup.robot, setup.constraint)], centre=False)
+    model = untrained(Layers(scene_hidden=8, scene_code=8, hidden=(16, 8), dropout_layers=2), kinds, 11, 0)
     return Learned(CompnetxNetwork(model), dict.fromkeys(SCENES, np.zeros((11, 11, 11), bool)))
 
 

@@ -9,8 +9,9 @@ import torch
 from small_training import make_data
 from test_training import KILLED, PARAMETERS, ROOT, folders, process, run, stored
 
-from pipeline.learning import module
-from pipeline.learning.module import Lines
+from pipeline.learning import learner
+from pipeline.learning.compnetx.learner import CompnetxLearner
+from pipeline.learning.learner import Lines
 
 # The stage as the command line runs it, on small data instead of the files of earlier stages.
 STAGE = KILLED.replace(
@@ -18,7 +19,7 @@ STAGE = KILLED.replace(
     f"""
 import runpy, sys
 import pipeline.learning.recipe
-pipeline.learning.recipe.train_recipe = lambda *_: run(make_data(), Path("broken"))
+pipeline.learning.recipe.train_recipe = lambda *_: (made := run(make_data(), Path("broken"))) and (made.model, made)
 sys.argv = ["train.py"]
 runpy.run_path({str(ROOT / "stages" / "train.py")!r}, run_name="__main__")
 """,
@@ -78,7 +79,7 @@ def test_nothing_of_a_damaged_run_stays(data, tmp_path, monkeypatch):
         found.extend(path.name for path in folder.iterdir())
         raise InterruptedError
 
-    monkeypatch.setattr(module.CompnetxModule, "training_step", stop)
+    monkeypatch.setattr(CompnetxLearner, "training_step", stop)
     with pytest.raises(InterruptedError):
         run(data, tmp_path, epochs=1)
     assert found == []
@@ -110,7 +111,7 @@ def test_stage_ended_by_ctrl_c(data, whole, tmp_path):
 def test_lines_keep_their_distance(monkeypatch, caplog):
     """Epochs of 5 s give a line every fourth epoch, the first that ends more than 15 s after the last line."""
     now = 100.0
-    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(learner, "time", SimpleNamespace(monotonic=lambda: now))
     caplog.set_level(logging.INFO)
     lines = Lines()
     for epoch in range(10):

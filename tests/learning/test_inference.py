@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_training import LIMITS
+from small_training import KINDS, LIMITS
 
 from pipeline.errors import ArtifactError, ProblemError
-from pipeline.learning import CompnetxNetwork, Model, NetworkParameters
+from pipeline.learning.compnetx import Compnetx, CompnetxNetwork, Model, NetworkParameters
 from pipeline.learning.dropout import draw_masks
-from pipeline.learning.inference import Products, _Bytes, _Tiles, fastest_products
-from pipeline.learning.networks import Compnetx
+from pipeline.learning.products import Bytes, Products, Tiles, fastest_products
 
 VOXELS = np.random.default_rng(0).random((40, 40, 40)) < 0.1
 
@@ -24,20 +23,20 @@ def ask(count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 def by_torch(model: Model, voxels: np.ndarray, current, target, masks, task=None) -> np.ndarray:
     """The same answer from the torch modules in double precision, nothing folded."""
-    network = pickle.loads(pickle.dumps(model.network)).double()
+    network, codec = pickle.loads(pickle.dumps(model.network)).double(), model.kinds[0].codec
     with torch.no_grad():
         grids = torch.from_numpy(voxels).double()[None]
         code = network.encode(grids, None if task is None else torch.from_numpy(task)[None])
-        inputs = [torch.from_numpy(model.normalisation.normalise(q)) for q in (current, target)]
+        inputs = [torch.from_numpy(codec.encode(q)) for q in (current, target)]
         answer = network(code.expand(len(current), -1), *inputs, torch.from_numpy(masks).double())
-    return model.normalisation.denormalise(answer.numpy())
+    return codec.decode(answer.numpy())
 
 
 @pytest.mark.parametrize("centre", [False, True])
 @pytest.mark.parametrize("count", [1, 2, 20])
 def test_as_torch(model, count, centre):
     """With the same masks, numpy's folded layers answer what torch's layers do, to single precision."""
-    model = replace(model, normalisation=replace(LIMITS, centre=centre))
+    model = replace(model, kinds=(replace(KINDS[0], codec=replace(LIMITS, centre=centre)),))
     network = CompnetxNetwork(model, Products.SINGLE)
     network.encode("scene", VOXELS)
     current, target = ask(count)
@@ -67,7 +66,7 @@ def test_narrow_products(model, products):
     np.testing.assert_array_equal(copy.evaluate("scene", current, target, masks), found)
 
 
-@pytest.mark.parametrize("narrow, atol", [(_Tiles, 2**-8), (_Bytes, 1 / 127)])
+@pytest.mark.parametrize("narrow, atol", [(Tiles, 2**-8), (Bytes, 1 / 127)])
 @pytest.mark.parametrize("inputs", ["both signs", "negative", "zero"])
 def test_narrow_layers(narrow, atol, inputs):
     """A product errs by the rounding of its factors alone, whatever their sign and scale, zero included."""
@@ -84,9 +83,10 @@ def test_narrow_layers(narrow, atol, inputs):
 
 def test_task(model):
     """A task representation is folded as the scene is."""
-    parameters = NetworkParameters(dimension=3, grid=13, task_input=10, dropout_layers=3, dropout=0.2)
+    parameters = NetworkParameters(width=3, grid=13, task_input=10, dropout_layers=3, dropout=0.2)
     torch.manual_seed(1)
-    model = Model(parameters, LIMITS, Compnetx(parameters).eval())
+    kinds = (replace(KINDS[0], lower=(0.0,) * 10, upper=(1.0,) * 10),)
+    model = Model(parameters, kinds, Compnetx(parameters).eval())
     network = CompnetxNetwork(model)
     voxels, task = VOXELS[:13, :13, :13], np.arange(10.0)
     network.encode(("scene", 3), voxels, task)
@@ -136,7 +136,7 @@ def test_processes(model):
 def test_refused(model):
     """An unknown scene and a grid of another size are refused by name."""
     network = CompnetxNetwork(model)
-    with pytest.raises(ProblemError, match="'nowhere' was not encoded"):
+    with pytest.raises(ProblemError, match="not encoded"):
         network.sample("nowhere", *ask(1), np.random.default_rng(0))
     with pytest.raises(ArtifactError, match=r"\(32, 32, 32\)"):
         network.encode("small", VOXELS[:32, :32, :32])

@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from pipeline.errors import ArtifactError
-from pipeline.learning import CompnetxNetwork, load_model, save_model
-from pipeline.learning.model import SCHEMA
+from pipeline.learning.compnetx import CompnetxNetwork, load_model, save_model
+from pipeline.learning.store import SCHEMA
 
 
 def edited(path, target, **changes) -> None:
@@ -20,12 +20,12 @@ def edited(path, target, **changes) -> None:
 
 
 def test_round_trip(model, tmp_path):
-    """A model read back has the same sizes, normalisation and weights; equal models make equal bytes."""
+    """A model read back has the same sizes, kinds of tasks and weights; equal models make equal bytes."""
     path = tmp_path / "deep" / "model.pt"
     save_model(model, path)
     back = load_model(path)
     assert back.parameters == model.parameters
-    assert back.normalisation == model.normalisation
+    assert back.kinds == model.kinds
     for name, value in model.network.state_dict().items():
         assert torch.equal(back.network.state_dict()[name], value)
     save_model(back, tmp_path / "again.pt")
@@ -34,7 +34,8 @@ def test_round_trip(model, tmp_path):
 
 def test_behaves_the_same(model, tmp_path):
     """A model read back samples what the stored one samples, centring included."""
-    model = replace(model, normalisation=replace(model.normalisation, centre=True))
+    kind = model.kinds[0]
+    model = replace(model, kinds=(replace(kind, codec=replace(kind.codec, centre=True)),))
     save_model(model, tmp_path / "model.pt")
     voxels, q = np.ones((40, 40, 40), bool), np.array([[0.1, 0.2, 1.0]])
     samples = []
@@ -81,7 +82,7 @@ def test_foreign(model, tmp_path):
     edited(path, other, version=99)
     with pytest.raises(ArtifactError, match="version 99"):
         load_model(other)
-    edited(path, other, network={"dimension": 3})
+    edited(path, other, network={"width": 3})
     with pytest.raises(ArtifactError, match="does not fit"):
         load_model(other)
     stored = torch.load(path, weights_only=True)
@@ -93,8 +94,17 @@ def test_foreign(model, tmp_path):
         edited(path, other, weights={**stored["weights"], name: torch.full_like(weight, value)})
         with pytest.raises(ArtifactError, match=f"other.pt: weights '{name}' are not all finite"):
             load_model(other)
-    edited(path, other, normalisation={"lower": [0.0, 0.0], "upper": [1.0, 1.0], "centre": False})
-    with pytest.raises(ArtifactError, match="does not fit"):
+    (kind,) = stored["kinds"]
+    two = {"lower": [0.0, 0.0], "upper": [1.0, 1.0], "turning": [False, False], "centre": False}
+    for wrong in ({**kind, "codec": two}, {**kind, "codec": {}}, {**kind, "joints": 3}, {"rows": []}):
+        edited(path, other, kinds=[wrong])
+        with pytest.raises(ArtifactError, match="does not fit"):
+            load_model(other)
+    edited(path, other, kind="another")
+    with pytest.raises(ArtifactError, match="kind 'another', expected 'compnetx'"):
+        load_model(other)
+    edited(path, other, weights=3)
+    with pytest.raises(ArtifactError, match="no weights"):
         load_model(other)
 
 

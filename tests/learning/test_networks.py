@@ -8,11 +8,10 @@ from omegaconf import OmegaConf
 from torch import nn
 
 from pipeline.errors import ConfigError
-from pipeline.learning import NetworkParameters
-from pipeline.learning.networks import Compnetx
+from pipeline.learning.compnetx import Compnetx, NetworkParameters
 
-SPHERE = NetworkParameters(dimension=3)
-MANIPULATION = NetworkParameters(dimension=13, grid=33, scene_hidden=256, scene_code=256, task_input=270)
+SPHERE = NetworkParameters(width=3)
+MANIPULATION = NetworkParameters(width=13, grid=33, scene_hidden=256, scene_code=256, task_input=270)
 
 
 def weights(module: nn.Module) -> int:
@@ -97,7 +96,7 @@ def test_dropout_layers(layers):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"dimension": 0}, "dimension is 0"),
+        ({"width": 0}, "width is 0"),
         ({"grid": 10}, "grid is 10"),
         ({"dropout": 1.0}, r"dropout is 1\.0"),
         ({"dropout_layers": 6}, "dropout_layers is 6"),
@@ -114,5 +113,5 @@ def test_refused(change, message):
 
 def test_from_configuration():
     """Sizes merged from a configuration file equal those written in Python."""
-    merged = OmegaConf.merge(OmegaConf.structured(NetworkParameters), {"dimension": 3, "dropout_layers": 3})
+    merged = OmegaConf.merge(OmegaConf.structured(NetworkParameters), {"width": 3, "dropout_layers": 3})
     assert OmegaConf.to_object(merged) == replace(SPHERE, dropout_layers=3)

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.learning import demonstration_pairs, split_by_scene
-from pipeline.learning.pairs import resample
+from pipeline.learning.compnetx.pairs import demonstration_pairs, resample, split_by_scene
 
 
 def row(scene: str, path: np.ndarray, problem: int = 0) -> dict:

@@ -9,19 +9,21 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 import torch
-from small_training import LIMITS, SMALL, make_data, make_pairs
+from small_training import KINDS, SMALL, make_data, make_pairs
 
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.learning import TrainingData, save_model, training
-from pipeline.learning.batches import Batches
-from pipeline.learning.module import CompnetxModule
-from pipeline.learning.networks import Compnetx
-from pipeline.learning.training import Trained, TrainParameters, train
+from pipeline.learning import engine
+from pipeline.learning.compnetx import Compnetx, NetworkParameters, save_model
+from pipeline.learning.compnetx.batches import Batches, TrainingData
+from pipeline.learning.compnetx.learner import CompnetxLearner
+from pipeline.learning.compnetx.recipe import train_network
+from pipeline.learning.engine import TrainParameters
 
 ROOT = Path(__file__).parents[2]
 PARAMETERS = TrainParameters(epochs=5, batch_size=64, warmup=4.0, seed=3)  # a killed run dies in the warm-up
@@ -30,25 +32,27 @@ KILLED = """
 import os, signal
 from pathlib import Path
 from small_training import make_data
-from test_training import CompnetxModule, run
+from test_training import CompnetxLearner, run
 
-step = CompnetxModule.training_step
+step = CompnetxLearner.training_step
 
 def deadly(self, batch, index):
     if (self.current_epoch, index) == (3, 2):
         os.kill(os.getpid(), signal.SIGKILL)
     return step(self, batch, index)
 
-CompnetxModule.training_step = deadly
+CompnetxLearner.training_step = deadly
 run(make_data(), Path("broken"))
 """
 
 
-def run(data: TrainingData, scratch: Path, **changes) -> Trained:
-    return train(replace(PARAMETERS, **changes), SMALL, LIMITS, data, scratch)
+def run(data: TrainingData, scratch: Path, network: NetworkParameters = SMALL, **changes) -> SimpleNamespace:
+    """What `Trained` has, and the model."""
+    model, trained = train_network(replace(PARAMETERS, **changes), network, KINDS, data, scratch)
+    return SimpleNamespace(model=model, **vars(trained))
 
 
-def stored(trained: Trained, path: Path) -> bytes:
+def stored(trained: SimpleNamespace, path: Path) -> bytes:
     save_model(trained.model, path)
     return path.read_bytes()
 
@@ -59,7 +63,7 @@ def last_weights(scratch: Path) -> dict[str, torch.Tensor]:
 
 
 @pytest.fixture(scope="module")
-def unbroken(tmp_path_factory) -> tuple[Trained, Path]:
+def unbroken(tmp_path_factory) -> tuple[SimpleNamespace, Path]:
     scratch = tmp_path_factory.mktemp("unbroken")
     return run(make_data(), scratch), scratch
 
@@ -173,7 +177,7 @@ def test_finished(data, unbroken, tmp_path):
 def test_other_code_trains_anew(data, unbroken, tmp_path, monkeypatch):
     """A finished run of other code, or with other packages, is no answer: training begins again beside it."""
     shutil.copytree(unbroken[1], tmp_path / "scratch")
-    monkeypatch.setattr(training, "code_digest", lambda *_: "another")
+    monkeypatch.setattr(engine, "code_digest", lambda *_: "another")
     assert run(data, tmp_path / "scratch", epochs=PARAMETERS.epochs).steps_per_second > 0
     assert len(folders(tmp_path / "scratch")) == 2
 
@@ -192,12 +196,12 @@ def test_best(data, unbroken):
     torch.manual_seed(0)
     rounds, losses = 400, []
     codes = network.encode(torch.from_numpy(data.voxels).float())[torch.from_numpy(pairs.scene)]
-    inputs = [torch.from_numpy(LIMITS.normalise(q)).float() for q in (pairs.current, pairs.target)]
+    inputs = [torch.from_numpy(X) for X in (pairs.current, pairs.target)]
     for _ in range(rounds):
         masks = (torch.rand(len(pairs), SMALL.dropout_units) < 0.5) * 2.0
         with torch.no_grad():
-            error = network(codes, *inputs, masks).numpy() - LIMITS.normalise(pairs.following)
-        losses.append((error**2).sum(axis=1).mean())
+            error = network(codes, *inputs, masks).numpy() - pairs.following
+        losses.append(float((error**2).sum(axis=1).mean()))
     assert np.mean(losses) == pytest.approx(metrics["val_loss"], abs=5 * np.std(losses))
 
 
@@ -206,8 +210,8 @@ def test_gradient_of_a_batch(data):
     torch.manual_seed(0)
     network = Compnetx(SMALL)
     voxels = torch.from_numpy(data.voxels).float()
-    module = CompnetxModule(network, voxels, 0.01)
-    batch = next(iter(Batches(data.train, SMALL, LIMITS, 64, 0, lambda: 0)))
+    module = CompnetxLearner(network, data, 0.01)
+    batch = next(iter(Batches(data.train, SMALL, 64, 0, lambda: 0)))
     loss = module.training_step(batch, 0)
     found = torch.autograd.grad(loss, network.parameters())
     codes = network.encode(voxels[batch.scenes[batch.row]])
@@ -220,17 +224,15 @@ def test_gradient_of_a_batch(data):
 
 def test_learns(data, tmp_path):
     """Without dropout, the small network learns a smooth map to a tenth of what answering the mean would cost."""
-    data = TrainingData(data.voxels, make_pairs(4000, [0, 2, 3], 1), make_pairs(300, [1, 4], 2))
-    network = replace(SMALL, dropout=0.0)
-    trained = train(replace(PARAMETERS, epochs=8, warmup=0.0), network, LIMITS, data, tmp_path)
-    answers = LIMITS.normalise(data.validation.following)
+    data = replace(data, train=make_pairs(4000, [0, 2, 3], 1), validation=make_pairs(300, [1, 4], 2))
+    trained = run(data, tmp_path, replace(SMALL, dropout=0.0), epochs=8, warmup=0.0)
+    answers = data.validation.following
     assert trained.metrics["val_loss"] < 0.1 * answers.var(axis=0).sum()
 
 
 def test_warm_up(data):
     """The learning rate rises by equal steps to the one asked for and stays; without a warm-up it is that at once."""
-    voxels = torch.from_numpy(data.voxels).float()
-    module = CompnetxModule(Compnetx(SMALL), voxels, 0.01, warmup=4)
+    module = CompnetxLearner(Compnetx(SMALL), data, 0.01, warmup=4)
     found = module.configure_optimizers()
     optimizer, rise = found["optimizer"], found["lr_scheduler"]
     assert rise["interval"] == "step"
@@ -240,7 +242,7 @@ def test_warm_up(data):
         optimizer.step()
         rise["scheduler"].step()
     np.testing.assert_allclose(rates, [0.0025, 0.005, 0.0075, 0.01, 0.01, 0.01])
-    plain = CompnetxModule(Compnetx(SMALL), voxels, 0.01).configure_optimizers()
+    plain = CompnetxLearner(Compnetx(SMALL), data, 0.01).configure_optimizers()
     assert plain.param_groups[0]["lr"] == 0.01
 
 
@@ -280,5 +282,5 @@ def test_refused(change, message):
 
 def test_planning_waits_for_no_lightning():
     """Importing what planning needs does not import Lightning (three seconds)."""
-    code = "import sys, pipeline.learning; sys.exit('lightning' in sys.modules)"
+    code = "import sys, pipeline.learning.choices; sys.exit('lightning' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.constraints import plane
-from pipeline.constraints.inverse import InverseKinematics, with_values
+from pipeline.constraints.inverse import InverseKinematics
+from pipeline.constraints.targets import with_values
 from pipeline.errors import ConfigError
 from pipeline.manifolds import AdherenceParameters, AtlasParameters, Deadline, OutOfTime
 from pipeline.planners import PLANNERS, FmtStar, PlanStatus, Problem, RrtConnect, Termination, path_length, shortcut

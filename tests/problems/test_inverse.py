@@ -7,7 +7,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pipeline.constraints import TaskSpaceRegion, height, upright
-from pipeline.constraints.inverse import InverseKinematics, at_pose, in_region, with_values
+from pipeline.constraints.inverse import InverseKinematics
+from pipeline.constraints.targets import at_pose, in_region, with_values
 from pipeline.robots import Placement
 from tests.robots.named import named
 

@@ -12,21 +12,20 @@ import numpy as np
 import torch
 
 from pipeline.errors import ConfigError
+from pipeline.learning.compnetx.networks import NetworkParameters
+from pipeline.learning.compnetx.pairs import Pairs
 from pipeline.learning.dropout import draw_masks
-from pipeline.learning.model import Normalisation
-from pipeline.learning.networks import NetworkParameters
-from pipeline.learning.pairs import Pairs
 
 _ORDER, _MASKS, _FIXED_MASKS = 0, 1, 2  # streams of chance
 
 
 class Batch(NamedTuple):
-    """B pairs from U scenes, normalised.
+    """B pairs from U scenes, as numbers of a network.
 
     Attributes:
-        scenes: rows of the voxel grids (U,), each once.
+        scenes: their rows (U,), each once.
         row: of each pair, its scene's place in `scenes` (B,).
-        current, target, following: (B, n).
+        current, target, following: (B, w).
         masks: dropout factors (B, dropout_units).
     """
 
@@ -44,31 +43,35 @@ class TrainingData:
 
     Attributes:
         voxels: grids of all scenes (S, L, W, H) of bool.
-        train, validation: pairs from different scenes, see `split_by_scene`.
+        tasks: what the network is told of the task in each scene (S, task_input), see `task_vector`.
+        used: which numbers of a configuration there are in each scene (S, w) of bool, see `Codec`.
+        train, validation: encoded pairs from different scenes, see `split_by_scene`.
     """
 
     voxels: np.ndarray
+    tasks: np.ndarray
+    used: np.ndarray
     train: Pairs
     validation: Pairs
 
-    def check(self, network: NetworkParameters, normalisation: Normalisation) -> None:
+    def check(self, network: NetworkParameters) -> None:
         """Refuse data that does not fit the network, or that validates on scenes it trains on.
 
         Raises:
             ConfigError: the message names both sizes, or the scenes in common.
         """
-        side, n = network.grid, network.dimension
+        side, width = network.grid, network.width
         if self.voxels.ndim != 4 or self.voxels.shape[1:] != (side, side, side):
             raise ConfigError(f"voxels have shape {self.voxels.shape}; the network expects (S, {side}, {side}, {side})")
-        if len(normalisation.lower) != n:
-            raise ConfigError(f"normalisation is for {len(normalisation.lower)} joints, the network for {n}")
-        if network.task_input:
-            raise ConfigError(f"network.task_input is {network.task_input}; pairs carry no task representation")
+        for name, count in (("tasks", network.task_input), ("used", width)):
+            shape = getattr(self, name).shape
+            if shape != (len(self.voxels), count):
+                raise ConfigError(f"{name} has shape {shape}; the network expects {(len(self.voxels), count)}")
         for name, pairs in (("training", self.train), ("validation", self.validation)):
             if not len(pairs):
                 raise ConfigError(f"there are no {name} pairs")
-            if pairs.current.shape[1] != n:
-                raise ConfigError(f"{name} pairs have {pairs.current.shape[1]} joints, the network {n}")
+            if pairs.current.shape[1] != width:
+                raise ConfigError(f"{name} pairs have {pairs.current.shape[1]} numbers, the network {width}")
             if pairs.scene.max() >= len(self.voxels):
                 raise ConfigError(f"{name} pairs name scene {pairs.scene.max()}; there are {len(self.voxels)} grids")
         shared = np.intersect1d(self.train.scene, self.validation.scene)
@@ -80,9 +83,8 @@ class Batches:
     """The batches of one epoch after the other; the last batch of an epoch may be smaller.
 
     Args:
-        pairs: to serve.
+        pairs: to serve, encoded.
         network: for the width of the masks.
-        normalisation: of the configurations.
         batch_size: B.
         seed: of all epochs.
         epoch: tells the running epoch when a pass begins; None serves the same batches, in the order of the pairs and
@@ -93,7 +95,6 @@ class Batches:
         self,
         pairs: Pairs,
         network: NetworkParameters,
-        normalisation: Normalisation,
         batch_size: int,
         seed: int,
         epoch: Callable[[], int] | None,
@@ -101,8 +102,7 @@ class Batches:
         self._network, self._size, self._seed, self._epoch = network, batch_size, seed, epoch
         self._scene = torch.from_numpy(pairs.scene)
         self._current, self._target, self._following = (
-            torch.from_numpy(normalisation.normalise(Q).astype(np.float32))
-            for Q in (pairs.current, pairs.target, pairs.following)
+            torch.from_numpy(X.astype(np.float32)) for X in (pairs.current, pairs.target, pairs.following)
         )
 
     def __len__(self) -> int:

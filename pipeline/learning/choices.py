@@ -1,4 +1,4 @@
-"""Samplers by name. Apart from the package's front door, so that classical planning does not load torch."""
+"""Samplers by name, learned ones among them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.errors import ConfigError
-from pipeline.learning import CompnetxNetwork
+from pipeline.learning.compnetx import CompnetxNetwork, CompnetxParameters, CompnetxSampler
 from pipeline.samplers.base import Sampler
-from pipeline.samplers.compnetx import CompnetxParameters, CompnetxSampler
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
 from pipeline.schema import Choice
 

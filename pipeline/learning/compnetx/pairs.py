@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import ArtifactError, ConfigError, require
+from pipeline.learning.codec import Codec
 
 Project = Callable[[np.ndarray], np.ndarray]
 
@@ -22,7 +23,8 @@ class Pairs:
 
     Attributes:
         scene: row of the voxel grids (N,).
-        current, target, following: configurations (N, n) [rad or m]; `following` is what the network shall answer.
+        current, target, following: configurations (N, n) [rad or m], or their numbers (N, w) once they are encoded;
+            `following` is what the network shall answer.
     """
 
     scene: np.ndarray
@@ -36,6 +38,11 @@ class Pairs:
     def __getitem__(self, rows: np.ndarray) -> "Pairs":
         """Return the pairs at indices, or where a mask (N,) is true."""
         return Pairs(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def encoded(self, codec: Codec, width: int) -> "Pairs":
+        """Return the pairs as a network takes them, of `width` numbers each."""
+        ends = (self.current, self.target, self.following)
+        return Pairs(self.scene, *(codec.encode(Q, width).astype(np.float32) for Q in ends))
 
 
 def resample(path: np.ndarray, spacing: float) -> np.ndarray:
@@ -107,6 +114,11 @@ def demonstration_pairs(
         owners += owners
     scene_rows = np.repeat(np.array(owners, np.int64), [len(piece[0]) for piece in pieces])
     return Pairs(scene_rows, *(np.concatenate(part).astype(np.float32) for part in zip(*pieces, strict=True)))
+
+
+def together(pieces: Sequence[Pairs]) -> Pairs:
+    """Return the pairs of several, one after the other; they have as many numbers each."""
+    return Pairs(*(np.concatenate([getattr(piece, f.name) for piece in pieces]) for f in fields(Pairs)))
 
 
 def split_by_scene(pairs: Pairs, scenes: Sequence[str], validation: Sequence[str]) -> tuple[Pairs, Pairs]:

@@ -1,6 +1,6 @@
 """CoMPNetX's networks (compnetx.txt, appendix B): scene encoder, task encoder, generator.
 
-Configurations go in and come out normalised (`Normalisation`). B counts pairs, S scenes, n joints.
+Configurations go in and come out as numbers (`Codec`). B counts pairs, S scenes with a task each.
 """
 
 from dataclasses import dataclass
@@ -12,16 +12,13 @@ from torch import nn
 from pipeline.errors import ConfigError, require
 
 
-@dataclass(frozen=True)
-class NetworkParameters:
-    """Sizes of CoMPNetX; the defaults are those of the sphere (the bracketed ones of compnetx.txt, appendix B).
+@dataclass(frozen=True, kw_only=True)
+class Layers:
+    """Sizes of CoMPNetX that are chosen; the defaults are those of the sphere (the bracketed ones of appendix B).
 
     Attributes:
-        dimension: n, configuration variables.
-        grid: cells per side of the voxel grid (40 sphere, 33 bartender, 32 kitchen).
         scene_hidden: units of the scene encoder's hidden layer (128; 256 bartender and kitchen).
         scene_code: size of Z_o (128; 256 bartender and kitchen).
-        task_input: size of Z_s; 0 means no task encoder, as for the sphere.
         task_hidden: units of the task encoder's hidden layer (128).
         task_code: size of Z_c (128); counts only with a task encoder.
         hidden: units of the generator's hidden layers.
@@ -30,11 +27,8 @@ class NetworkParameters:
             code.
     """
 
-    dimension: int
-    grid: int = 40
     scene_hidden: int = 128
     scene_code: int = 128
-    task_input: int = 0
     task_hidden: int = 128
     task_code: int = 128
     hidden: tuple[int, ...] = (896, 512, 256, 128, 64)
@@ -43,15 +37,34 @@ class NetworkParameters:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hidden", tuple(self.hidden))  # a list when it comes from a configuration file
-        for name in ("dimension", "scene_hidden", "scene_code", "task_hidden", "task_code"):
+        for name in ("scene_hidden", "scene_code", "task_hidden", "task_code"):
             require(f"network.{name}", getattr(self, name), at_least=1)
-        require("network.task_input", self.task_input, at_least=0)
-        # The smallest grid that leaves a cell after both convolutions and the pooling.
-        require("network.grid", self.grid, at_least=11)
         if not self.hidden or min(self.hidden) < 1:
             raise ConfigError(f"network.hidden is {self.hidden}; it must name at least one layer of at least one unit")
         require("network.dropout", self.dropout, at_least=0, below=1)
         require("network.dropout_layers", self.dropout_layers, at_least=0, at_most=len(self.hidden))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkParameters(Layers):
+    """All sizes of CoMPNetX, with those that follow from what it learns from.
+
+    Attributes:
+        width: numbers of a configuration w, see `Codec`; those of the tasks with most.
+        grid: cells per side of the voxel grid (40 sphere, 33 bartender, 32 kitchen).
+        task_input: size of Z_s; 0 means no task encoder, as for the sphere.
+    """
+
+    width: int
+    grid: int = 40
+    task_input: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("network.width", self.width, at_least=1)
+        # The smallest grid that leaves a cell after both convolutions and the pooling.
+        require("network.grid", self.grid, at_least=11)
+        require("network.task_input", self.task_input, at_least=0)
 
     @property
     def code(self) -> int:
@@ -97,17 +110,17 @@ class Generator(nn.Module):
 
     def __init__(self, parameters: NetworkParameters) -> None:
         super().__init__()
-        sizes = (parameters.code + 2 * parameters.dimension, *parameters.hidden)
+        sizes = (parameters.code + 2 * parameters.width, *parameters.hidden)
         self.linear = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
         self.activation = nn.ModuleList(nn.PReLU() for _ in parameters.hidden)
-        self.output = nn.Linear(sizes[-1], parameters.dimension)
+        self.output = nn.Linear(sizes[-1], parameters.width)
         self._dropped = list(parameters.hidden[: parameters.dropout_layers])
 
     def forward(self, inputs: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
-        """Return normalised configurations (B, n).
+        """Return the numbers of configurations (B, w).
 
         Args:
-            inputs: (B, code + 2 n).
+            inputs: (B, code + 2 w).
             masks: factors of the units of the layers with dropout (B, dropout_units), see `draw_masks`.
         """
         factors = torch.split(masks, self._dropped, dim=1) if self._dropped else ()
@@ -145,5 +158,5 @@ class Compnetx(nn.Module):
     def forward(
         self, codes: torch.Tensor, current: torch.Tensor, target: torch.Tensor, masks: torch.Tensor
     ) -> torch.Tensor:
-        """Return the next configurations (B, n), normalised as `current` and `target` (B, n) are (equation 6)."""
+        """Return the numbers of the next configurations (B, w), for those of `current` and `target` (equation 6)."""
         return self.generator(torch.cat([codes, current, target], dim=1), masks)

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, ProblemError, require
-from pipeline.learning import CompnetxNetwork
+from pipeline.learning.compnetx.inference import CompnetxNetwork
+from pipeline.learning.task_kinds import kind_of, task_vector
+from pipeline.robots import Robot
 from pipeline.samplers.base import Asked, Sampler
 from pipeline.samplers.combined import Then
 from pipeline.samplers.uniform import UniformSampler
@@ -101,7 +104,7 @@ class Proposals(Sampler):
         super().begin(asked, rng)
         self._chains: tuple[np.ndarray, np.ndarray] | None = None
         begin = time.perf_counter()
-        self.network.encode(asked.scene, self.voxels[asked.scene])
+        self.key = self._encoded(asked.scene)
         self.network_time = time.perf_counter() - begin
 
     def draw(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -150,10 +153,21 @@ class Proposals(Sampler):
             found += list(fresh)
         return np.array(found).reshape(-1, space.dimension)
 
+    def _encoded(self, scene: str) -> tuple[str, Robot, Constraint]:
+        """Return what the network knows scene and task by; robots and constraints are compared by identity."""
+        robot, constraint = self.adherence.validity.robot, self.adherence.constraint
+        key = scene, robot, constraint
+        if not self.network.knows(key):
+            kinds = self.network.model.kinds
+            kind = kind_of(kinds, robot, constraint)
+            task = task_vector(kinds, kind, constraint.numbers)
+            self.network.encode(key, self.voxels[scene], task, kind)
+        return key
+
     def _answer(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return the network's proposals (K, n), near the manifold, not checked for collision."""
         begin = time.perf_counter()
-        proposals = self.network.sample(self.asked.scene or "", current, target, self.rng)
+        proposals = self.network.sample(self.key, current, target, self.rng)
         self.network_time += time.perf_counter() - begin
         self.counters.network_calls += 1
         return proposals

@@ -7,12 +7,11 @@ import pytest
 import torch
 
 from pipeline.errors import ArtifactError, ConfigError, ProblemError
-from pipeline.learning import CompnetxNetwork, Model, NetworkParameters, Normalisation
-from pipeline.learning.networks import Compnetx
+from pipeline.learning.choices import Learned, make_sampler
+from pipeline.learning.compnetx import CompnetxNetwork, CompnetxParameters, CompnetxSampler, Layers, untrained
+from pipeline.learning.task_kinds import task_kinds
 from pipeline.manifolds import Adherence
 from pipeline.samplers import Asked, Sampler, UniformSampler
-from pipeline.samplers.choices import Learned, make_sampler
-from pipeline.samplers.compnetx import CompnetxParameters, CompnetxSampler
 from pipeline.schema import Choice
 from tests.manifolds.spaces import METHODS, sphere_space
 from tests.robots.worlds import on_sphere
@@ -23,12 +22,12 @@ VOXELS = {name: np.random.default_rng(i).random((11, 11, 11)) < 0.3 for i, name 
 @pytest.fixture(scope="module")
 def network() -> CompnetxNetwork:
     """An untrained network whose answers are spread over the whole cube and beyond."""
-    torch.manual_seed(0)
-    sizes = NetworkParameters(dimension=3, grid=11, scene_hidden=8, scene_code=8, hidden=(16, 8), dropout_layers=2)
-    weights = Compnetx(sizes).eval()
+    space = sphere_space("projection")
+    kinds = task_kinds([(space.validity.robot, space.constraint)], centre=False)
+    model = untrained(Layers(scene_hidden=8, scene_code=8, hidden=(16, 8), dropout_layers=2), kinds, 11, 0)
     with torch.no_grad():
-        weights.generator.output.weight *= 8
-    return CompnetxNetwork(Model(sizes, Normalisation((-1.5,) * 3, (1.5,) * 3), weights))
+        model.network.generator.output.weight *= 8
+    return CompnetxNetwork(model)
 
 
 def started(network, method="projection", seed=0, scene="kitchen", upper=(1.5,) * 3, **parameters) -> CompnetxSampler:
@@ -84,7 +83,7 @@ def test_samples_are_the_projected_proposals(network):
     sampler = started(network, seed=4)
     found = ask(sampler, 20)
     rng = np.random.default_rng(1)
-    proposals = network.sample("kitchen", on_sphere(rng, 20), on_sphere(rng, 20), np.random.default_rng(4))
+    proposals = network.sample(sampler.first.key, on_sphere(rng, 20), on_sphere(rng, 20), np.random.default_rng(4))
     assert np.linalg.norm(proposals, axis=1).std() > 0.1
     np.testing.assert_allclose(found, proposals / np.linalg.norm(proposals, axis=1)[:, None], atol=1e-3)
 
@@ -233,7 +232,7 @@ def test_unknown_scene_is_refused(network, scene):
 def test_voxels_of_another_size_are_refused(network):
     """A grid that does not fit the network is refused with both sizes."""
     sampler = CompnetxSampler(network, {"large": np.zeros((40, 40, 40), bool)}, CompnetxParameters())
-    with pytest.raises(ArtifactError, match=r"'large' are \(40, 40, 40\); the network expects \(11, 11, 11\)"):
+    with pytest.raises(ArtifactError, match=r"are \(40, 40, 40\); the network expects \(11, 11, 11\)"):
         bound(sampler, begun("projection"), 0, "large")
 
 
