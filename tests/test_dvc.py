@@ -370,7 +370,7 @@ def test_an_edited_comment_concerns_nobody(copy, edit):
 
 def test_an_edited_module_concerns_those_who_import_it(copy, edit, imported):
     """With a module edited DVC finds changed all stages that import it and no other."""
-    for module, number in (("pipeline/planners/ompl_adapter.py", 0), ("pipeline/samplers/compnetx.py", 5)):
+    for module, number in (("pipeline/planners/ompl_adapter.py", 0), ("pipeline/learning/compnetx/sampler.py", 7)):
         edit(module, '"""', '"""Also: ')
         importing = {name for name in STAGES if module in imported[name]}
         assert set(changed(copy)) == importing and len(importing) == number
