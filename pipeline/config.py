@@ -1,4 +1,4 @@
-"""From a composed Hydra config to plain dataclasses: the door of every stage.
+"""From a composed Hydra config to plain dataclasses: the door of every stage. Importing it makes the resolvers known.
 
 The library never sees a DictConfig. OmegaConf's own structured configs cannot hold the library's frozen dataclasses as
 nested nodes (they are read-only), so the conversion is done here, with messages that name the value and the choices.
@@ -18,6 +18,23 @@ from pipeline.schema import convert
 
 T = TypeVar("T")
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def environments(root: Path = ROOT) -> list[str]:
+    """Return the names of all environments, which are the files of conf/environment: `${environments:}`."""
+    return sorted(path.stem for path in (root / "conf" / "environment").glob("*.yaml"))
+
+
+def own_or(group: str, environment: str, other: str) -> str:
+    """Return which file of a group an environment has: its own, or `other`.
+
+    In lists of defaults: `${own_or:oracle,${environment},arm}`.
+    """
+    return environment if (ROOT / "conf" / group / f"{environment}.yaml").is_file() else other
+
+
+OmegaConf.register_new_resolver("environments", environments, replace=True)
+OmegaConf.register_new_resolver("own_or", own_or, replace=True)
 
 
 def load(config: DictConfig | Mapping[str, Any], schema: type[T]) -> T:

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from hydra import initialize_config_dir
+from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 
+from pipeline.config import environments
 from pipeline.keys import imported_files
 
 _HEAD = """\
@@ -42,8 +43,9 @@ class Stage:
     started: tuple[str, ...] = ()
 
 
+SCENES = "scenes"  # the stage that runs an environment's own code
 STAGES = (
-    Stage("scenes", "Scenes and tasks", sections=("scenes",)),
+    Stage(SCENES, "Scenes and tasks", sections=("scenes",)),
     Stage("demonstrations", "Paths of the oracle", ("scenes",), metrics=True),
     Stage("voxels", "Voxel grids of the scenes", ("scenes",)),
     Stage("train", "CoMPNetX", ("scenes", "demonstrations", "voxels"), ("train",), metrics=True),
@@ -60,13 +62,13 @@ REPORT = Stage(
 
 def dag(root: Path) -> str:
     """Return the text of dvc.yaml for the stages of a repository at `root`, the same for all profiles."""
-    environments = sorted(path.stem for path in (root / "conf" / "environment").glob("*.yaml"))
-    stages = {f"{stage.name}-{name}": _stage(root, stage, name) for name in environments for stage in STAGES}
-    stages[REPORT.name] = _report(root, environments)
+    names = environments(root)
+    stages = {f"{stage.name}-{name}": _stage(root, stage, name) for name in names for stage in STAGES}
+    stages[REPORT.name] = _report(root, names)
     below = "${root}/artifacts/${profile}"
-    metrics = [f"{below}/{s.name}/{name}/metrics.json" for s in STAGES if s.metrics for name in environments]
+    metrics = [f"{below}/{s.name}/{name}/metrics.json" for s in STAGES if s.metrics for name in names]
     curves = {"x": "epoch", "y": ["train_loss", "val_loss"]}
-    plots = [{f"{below}/train/{name}/curves.csv": {**curves, "title": f"CoMPNetX, {name}"}} for name in environments]
+    plots = [{f"{below}/train/{name}/curves.csv": {**curves, "title": f"CoMPNetX, {name}"}} for name in names]
     content = {"stages": stages, "metrics": metrics, "plots": plots}
     return _HEAD + yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=10**6, allow_unicode=True)
 
@@ -83,18 +85,19 @@ def write_dag(root: Path) -> list[Path]:
 def _stage(root: Path, stage: Stage, environment: str) -> dict[str, object]:
     profile: dict[str, object] = {"conf/profile/${profile}.yaml": sorted(["name", *stage.sections])}
     files = _composed(root, stage.name, [f"environment={environment}"])
+    read = [*(f"artifacts/${{profile}}/{name}/{environment}" for name in stage.reads), *_code(root, stage)]
     return {
         "wdir": "${root}",
         "desc": f"{stage.says}, {environment}",
         "cmd": f"python stages/{stage.name}.py profile=${{profile}} environment={environment}",
-        "deps": [*(f"artifacts/${{profile}}/{name}/{environment}" for name in stage.reads), *_code(root, stage)],
+        "deps": [*read, *(_given(root, environment) if stage.name == SCENES else ())],
         "params": [*({file: None} for file in files), profile],
         "outs": [f"artifacts/${{profile}}/{stage.name}/{environment}"],
     }
 
 
-def _report(root: Path, environments: list[str]) -> dict[str, object]:
-    written = ["README.md", "layout.json", *(entry for name in environments for entry in (name, f"{name}.md"))]
+def _report(root: Path, names: list[str]) -> dict[str, object]:
+    written = ["README.md", "layout.json", *(entry for name in names for entry in (name, f"{name}.md"))]
     return {
         "wdir": "${root}",
         "desc": REPORT.says,
@@ -114,6 +117,13 @@ def _composed(root: Path, stage: str, overrides: list[str]) -> list[str]:
     paths = {str(default.config_path) for default in defaults if default.config_path}
     others = sorted(path for path in paths if not path.startswith(("hydra/", "profile/")) and path != stage)
     return [f"conf/{path}.yaml" for path in (stage, *others) if path in paths]
+
+
+def _given(root: Path, environment: str) -> list[str]:
+    """Return the files and folders of a user's that an environment reads (`FolderEnvironment`)."""
+    with initialize_config_dir(str(root / "conf"), version_base="1.3"):
+        choice = compose(SCENES, [f"environment={environment}"]).environment
+    return [choice.parameters.folder, *choice.parameters.get("files", [])] if choice.kind == "folder" else []
 
 
 def _code(root: Path, stage: Stage) -> list[str]:

@@ -9,8 +9,9 @@ from omegaconf import DictConfig
 
 from pipeline.config import load
 from pipeline.errors import ConfigError
-from pipeline.problems import read_problem, solve
-from pipeline.problems.output import check_output, write_solution
+from pipeline.planning import solve
+from pipeline.planning.output import check_output, write_solution
+from pipeline.problems import read_problem
 from pipeline.stage import guarded
 
 

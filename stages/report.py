@@ -23,6 +23,7 @@ class Config:
     profile: Profile
     environments: list[str]
     papers: dict[str, reporting.Paper]
+    other: reporting.Paper
     output: Path
     plain_stills: bool | None
 
@@ -57,7 +58,7 @@ def _page(config: Config, name: str, out: Path) -> reporting.Section:
     scenes = read_scenes(folder(config.profile.name, "scenes", name))
     choices = read_table(folder(config.profile.name, "choices", name) / "trials.parquet", "trials")
     tried = read_json(folder(config.profile.name, "choices", name) / "methods.json", "variants")
-    paper = config.papers.get(name, reporting.Paper(name))
+    paper = config.papers.get(name, config.other).titled(name)
     provenance, stills = _provenance(config, name), reporting.Stills(config.plain_stills)
     figures = out / name  # beside the page, which links to it by this name
     pictures = {

@@ -35,7 +35,8 @@ def main(cfg: DictConfig) -> None:
     environment, scale = config.environment.environment(ENVIRONMENTS), config.profile.scenes
     scenes = environment.scenes(scale.counts)
     counts = {scene.name: scale.problems(scene) for scene in scenes}
-    key = digest(asdict(config.environment), counts, code_digest(Path(__file__)))
+    sources = {scene.name: scene.sources for scene in scenes}
+    key = digest(asdict(config.environment), counts, sources, code_digest(Path(__file__)))
     tasks = run_shards(
         partial(_tasks, environment, counts),
         [(scene.name, scene) for scene in scenes],

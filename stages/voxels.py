@@ -29,10 +29,11 @@ def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     target = destination(config.profile.name, "voxels", config.environment.name)
     scenes = read_scenes(folder(config.profile.name, "scenes", config.environment.name))
-    grids = [scene_voxels(s.obstacles, config.perception.voxels, config.perception.seed) for s in scenes.values()]
+    voxels = config.perception.of(next(iter(scenes.values())).statement.robot)
+    grids = [scene_voxels(scene.obstacles, voxels, config.perception.seed) for scene in scenes.values()]
     with atomic_folder(target) as out:
         write_arrays(
-            {"scene": np.array(list(scenes)), "voxels": np.stack(grids), "bounds": config.perception.voxels.bounds},
+            {"scene": np.array(list(scenes)), "voxels": np.stack(grids), "bounds": voxels.bounds},
             out / "voxels.npz",
             "voxels",
         )

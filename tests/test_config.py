@@ -128,8 +128,8 @@ def changed(plain: Any, where: tuple[Any, ...], value: Any) -> Any:
 @pytest.mark.parametrize("stage", STAGES)
 def test_every_choice_composes_and_converts(stage):
     """Every environment's configuration, and the first one's with every other choice, convert into the dataclass."""
-    chosen_alike = re.findall(r"- (\w+): \$\{environment\}", (CONF / f"{stage}.yaml").read_text())
-    keys, plain = choices_of(stage), OmegaConf.to_container(compose(stage))
+    chosen_alike = re.findall(r"- (\w+): \$\{own_or", (CONF / f"{stage}.yaml").read_text())
+    keys, plain = choices_of(stage), OmegaConf.to_container(compose(stage), resolve=True)
     for name in files_of("environment") if "environment" in keys else ():
         convert_all(stage, compose(stage, [f"environment={name}"]))
     convert_all(stage, plain)
@@ -182,7 +182,8 @@ def test_files_say_what_they_are(path):
     assert content.get("name", path.stem) == path.stem
     if path.parent.name != "hydra":  # DVC's `exp run -S` dies of interpolations: numbers stand in files without
         text = path.read_text()
-        assert "${" not in (text.replace(": ${environment}\n", "") if path.parent == CONF else text)
+        followed = r": \$\{own_or:\w+,\$\{environment\},arm\}\n|environments: \$\{environments:\}"
+        assert "${" not in (re.sub(followed, "", text) if path.parent == CONF else text)
 
 
 def test_compose_is_the_command_line():
@@ -215,7 +216,7 @@ def test_compose_is_the_command_line():
         ),
         ("benchmark", "+experiment.methods.fmt.lable=a", ["'lable' in experiment.methods.fmt", "'label'?", "sampler"]),
         ("scenes", "+environment.parameters.block=1", ["unknown key 'block' in environment", "'blocks'?", "latitude"]),
-        ("scenes", "environment.kind=sfere", ["environment is 'sfere'", "choices: family, sphere"]),
+        ("scenes", "environment.kind=sfere", ["environment is 'sfere'", "choices: family, folder, sphere"]),
         ("demonstrations", "oracle.planner.kind=prm", ["planner is 'prm'", "choices: fmt, rrt, rrtconnect"]),
         (
             "demonstrations",

@@ -4,12 +4,13 @@ import ast
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -33,7 +34,7 @@ from pipeline.recording import read_recording
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:dvc")
 SOURCES = (
     *("conf", "pipeline", "stages", "profiles", "dvc.yaml", "params.yaml", ".dvc/config", ".dvc/.gitignore"),
-    *(".dvcignore", ".gitignore", "artifacts/.gitignore"),
+    *(".dvcignore", ".gitignore", "artifacts/.gitignore", "examples/my_arm"),
 )
 STAGES = list(yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"])
 PROFILES = {"quick": ".", **{path.name: f"profiles/{path.name}" for path in sorted((ROOT / "profiles").iterdir())}}
@@ -117,9 +118,9 @@ def stages(copy) -> dict[tuple[str, str], Stage]:
         return {(folders[str(Path(s.path).parent)], s.name): s for s in repository.index.stages}
 
 
-def of(script: str) -> set[str]:
+def of(script: str, names: Iterable[str] = ENVIRONMENTS) -> set[str]:
     """Return the stages of a script, one for each environment."""
-    return {f"{script}-{environment}" for environment in ENVIRONMENTS}
+    return {f"{script}-{environment}" for environment in names}
 
 
 def script_of(name: str) -> str:
@@ -259,7 +260,8 @@ def test_dependencies_are_there_and_needed(copy, stages, imported, name):
 
 
 def test_every_environment_has_every_stage():
-    """An environment is a choice of Hydra in every group that is chosen by it, and the folder that a stage writes."""
+    """An environment is a choice of Hydra and the folder that a stage writes; groups chosen by it have files of
+    environments, and one for all others."""
     document = yaml.safe_load((ROOT / "dvc.yaml").read_text())
     scripts = dict.fromkeys(script_of(name) for name in STAGES if name != "report")
     assert sorted(STAGES) == sorted(
@@ -272,11 +274,12 @@ def test_every_environment_has_every_stage():
     chosen = {
         m
         for path in (ROOT / "conf").glob("*.yaml")
-        for m in re.findall(r"- (\w+): \$\{environment\}", path.read_text())
+        for m in re.findall(r"- (\w+): \$\{own_or:\1,\$\{environment\},arm\}", path.read_text())
     }
     assert chosen == {"oracle", "perception", "recipe", "experiment", "tried"}
     for group in (*chosen, "paper"):
-        assert sorted(path.stem for path in (ROOT / "conf" / group).glob("*.yaml")) == ENVIRONMENTS
+        files = {path.stem for path in (ROOT / "conf" / group).glob("*.yaml")}
+        assert {"arm", "sphere"} <= files <= {"arm", *ENVIRONMENTS}
     for path in document["metrics"]:
         stage, environment = re.fullmatch(
             r"\$\{root\}/artifacts/\$\{profile\}/(\w+)/(\w+)/metrics\.json", path
@@ -328,7 +331,7 @@ def edit(copy):
     [
         ("conf/perception/sphere.yaml", "seed", {"voxels-sphere"}),
         ("conf/perception/sphere.yaml", "size", {"voxels-sphere"}),
-        ("conf/perception/transport_panda.yaml", "size", {"voxels-transport_panda"}),
+        ("conf/perception/arm.yaml", "size", {"voxels-transport_panda"}),
         ("conf/model/compnetx.yaml", "dropout", set(of("train"))),
         ("conf/recipe/sphere.yaml", "spacing", {"train-sphere"}),
         ("conf/oracle/sphere.yaml", "shortcuts", {"demonstrations-sphere"}),
@@ -367,7 +370,7 @@ def test_an_edited_comment_concerns_nobody(copy, edit):
 
 def test_an_edited_module_concerns_those_who_import_it(copy, edit, imported):
     """With a module edited DVC finds changed all stages that import it and no other."""
-    for module, number in (("pipeline/planners/ompl_adapter.py", 0), ("pipeline/samplers/compnetx.py", 5)):
+    for module, number in (("pipeline/planners/ompl_adapter.py", 0), ("pipeline/learning/compnetx/sampler.py", 7)):
         edit(module, '"""', '"""Also: ')
         importing = {name for name in STAGES if module in imported[name]}
         assert set(changed(copy)) == importing and len(importing) == number
@@ -381,10 +384,24 @@ def test_params_diff_shows_the_edit(copy, edit):
     assert found == {"conf/perception/sphere.yaml": {"seed": {"old": 2, "new": 3, "diff": 1}}}
 
 
+OWN = ["my_arm", "sphere"]  # environments of the repository below
+
+
+def documented() -> list[list[str]]:
+    """Return the commands that docs/own_robot.md shows first."""
+    (block, *_) = re.findall(r"```\n(.*?)```", (ROOT / "docs" / "own_robot.md").read_text(), re.DOTALL)
+    return [shlex.split(line, comments=True) for line in block.splitlines()]
+
+
 @pytest.fixture(scope="module")
 def smoke(tmp_path_factory) -> tuple[Path, str]:
-    """A repository whose whole pipeline has run in the smallest sizes, and what DVC printed."""
+    """A repository whose whole pipeline has run in the smallest sizes, and what DVC printed.
+
+    Its environments are the sphere and the one that docs/own_robot.md makes, by the commands that it shows.
+    """
     folder = copied(tmp_path_factory.mktemp("smoke") / "repository")
+    for name in set(ENVIRONMENTS) - set(OWN):
+        (folder / f"conf/environment/{name}.yaml").unlink()
     scale = yaml.safe_load((folder / "conf/profile/quick.yaml").read_text())
     small = {
         key: {n: {"bands": 1} if n == "others" else 1 for n in of_it} for key, of_it in scale.items() if key != "name"
@@ -409,8 +426,14 @@ def smoke(tmp_path_factory) -> tuple[Path, str]:
             text, count = re.subn(rf"\b{key}: [\w.]+", f"{key}: {number}", (folder / name).read_text(), count=1)
             assert count == 1
             (folder / name).write_text(text)
+    *before, repro = documented()
+    assert repro == ["dvc", "repro"]
+    for command in before:
+        call(folder, *command)
+    for path in folder.glob("problems/my_arm/train/scene_00[1-3]_*.yaml"):  # two problems to learn from are enough here
+        path.unlink()
     commit(folder)
-    return folder, call(folder, "dvc", "repro")
+    return folder, call(folder, *repro)
 
 
 def ran(log: str) -> list[str]:
@@ -421,7 +444,8 @@ def ran(log: str) -> list[str]:
 def test_pipeline_runs_from_nothing(smoke):
     """`dvc repro` runs every stage once, after those it reads, and then finds nothing to do."""
     folder, log = smoke
-    assert sorted(ran(log)) == sorted(STAGES)
+    scripts = {script_of(name) for name in STAGES} - {"report"}
+    assert sorted(ran(log)) == sorted([*(name for script in scripts for name in of(script, OWN)), "report"])
     assert script_of(ran(log)[0]) == "scenes" and ran(log)[-1] == "report"
     again = call(folder, "dvc", "repro")
     assert ran(again) == [] and "up to date" in again
@@ -440,9 +464,10 @@ def test_reports_name_the_command(smoke):
     """The pages exist, say which command made their numbers, and show pictures that are there."""
     pages = smoke[0] / "artifacts/smoke/report"
     assert sorted(path.name for path in pages.iterdir()) == sorted(
-        ["README.md", "layout.json", *ENVIRONMENTS, *(f"{name}.md" for name in ENVIRONMENTS)]
+        ["README.md", "layout.json", *OWN, *(f"{name}.md" for name in OWN)]
     )
-    for name in ("README.md", *(f"{name}.md" for name in ENVIRONMENTS)):
+    assert (pages / "my_arm.md").read_text().startswith("# My arm\n")
+    for name in ("README.md", *(f"{name}.md" for name in OWN)):
         text = (pages / name).read_text()
         assert "`make repro PROFILE=smoke`" in text
         shown = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
@@ -493,12 +518,24 @@ def test_one_number_reruns_what_reads_it(smoke):
     times = read_table(out / "trials.parquet", "trials")["planning_time"].tolist()
     path = folder / "conf/benchmark.yaml"
     path.write_text(path.read_text().replace("cloud: 20", "cloud: 30"))
-    assert set(changed(folder)) == of("benchmark")
+    assert set(changed(folder)) == of("benchmark", OWN)
     assert ran(call(folder, "dvc", "repro", "benchmark-sphere")) == ["benchmark-sphere"]
     assert read_table(out / "trials.parquet", "trials")["planning_time"].tolist() != times
     with np.load(out / "samples.npz") as clouds:
         assert {clouds[name].shape for name in clouds.files if "*" in name} == {(30, 3)}
-    assert set(changed(folder)) == {"report", *of("benchmark")} - {"benchmark-sphere"}
+    assert set(changed(folder)) == {"report", *of("benchmark", OWN)} - {"benchmark-sphere"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["problems/my_arm/test/scene_000_000.yaml", "examples/my_arm/my_arm.urdf"])
+def test_files_of_a_user_are_watched(smoke, name):
+    """With a problem file or the robot's description changed, DVC finds changed what reads them: the scenes."""
+    folder, _ = smoke
+    before, other = (folder / name).read_text(), set(changed(folder))
+    (folder / name).write_text(before.replace("0.1", "0.11", 1))
+    assert set(changed(folder)) - other == {"scenes-my_arm"}
+    (folder / name).write_text(before)
+    assert set(changed(folder)) == other
 
 
 @pytest.mark.slow
@@ -524,7 +561,7 @@ def test_killed_in_every_stage_it_ends_the_same(smoke):
         shutil.rmtree(folder / name)
     (folder / "dvc.lock").unlink()
     repeated = ["dvc", "repro", "--no-run-cache"]  # otherwise DVC takes the outputs from its cache
-    others = {*of("benchmark"), *of("choices")} - SPHERE
+    others = {*of("benchmark", OWN), *of("choices", OWN)} - SPHERE
     call(folder, *repeated, *sorted(others))
     for stage in ("scenes", "demonstrations", "voxels", "train", "benchmark", "choices", "report"):
         name = stage if stage == "report" else f"{stage}-sphere"

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.problems import read_problem
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()

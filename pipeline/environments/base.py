@@ -20,10 +20,10 @@ class Environment(Protocol):
     self_margin: float
 
     def scenes(self, counts: dict[Split, int]) -> list[Scene]:
-        """Return the scenes, with `counts` of them per split where a scenario has several."""
+        """Return the scenes, with `counts` of them per split where a scenario makes several; those given, all."""
 
     def tasks(self, scene: Scene, count: int) -> pd.DataFrame:
-        """Return `count` tasks of a scene as rows of the table of tasks (`spec.scene.COLUMNS`).
+        """Return `count` tasks of a scene as rows of the table of tasks (`spec.scene.COLUMNS`); those given, all.
 
         The first ones are the same for every count.
         """

@@ -1,13 +1,15 @@
 """Voxel grids: a cube of cells, each of which tells whether a surface point lies in it (compnetx.txt, section VI-C)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.errors import ConfigError, require
+from pipeline.perception.reach import reached
 from pipeline.perception.surface import surface_points
-from pipeline.robots import Obstacle
+from pipeline.robots import Obstacle, UrdfRobot
+from pipeline.spec.statement import Point
 
 
 @dataclass(frozen=True)
@@ -19,10 +21,11 @@ class VoxelParameters:
         density: surface points per area [1/m^2]. The authors draw 20 000 points on 500 blocks of side 0.1 m, that is
             on 30 m^2. A density and not a number, so that a scene with another surface looks alike. At this density
             and cells of 0.05 m, an inner cell of a flat surface is missed in exp(-1.67) = 19 % of all cases.
-        lower, upper: corners of the grid [m]. The authors' are the limits of the robot, +-1 m. Blocks of side 0.1 m
-            lying on the unit sphere reach out to 1.052 m (1.087 m, were they turned at will), so that the grid clips
-            4 % of the points (`clipped_share`, 20 scenes of scenario 1: 3.4 to 5.7 %): the outer faces of the blocks
-            around +-x and +-y. The middle of such a block is still seen, its inner face is at 0.95 m.
+        lower, upper: corners of the grid [m]; both None where the robot's reach says them (`Perception.of`). The
+            authors' are the limits of the robot, +-1 m. Blocks of side 0.1 m lying on the unit sphere reach out to
+            1.052 m (1.087 m, were they turned at will), so that the grid clips 4 % of the points (`clipped_share`, 20
+            scenes of scenario 1: 3.4 to 5.7 %): the outer faces of the blocks around +-x and +-y. The middle of such
+            a block is still seen, its inner face is at 0.95 m.
         shell: None, or (radius, thickness) [m]: keep only points whose distance from the origin differs from the
             radius by at most the thickness. For scenes whose obstacles reach through the inside of the sphere, where
             no state is, so that they look as blocks on the sphere do. It cuts, it does not close: between the two
@@ -31,14 +34,17 @@ class VoxelParameters:
 
     size: int = 40
     density: float = 20_000 / 30
-    lower: tuple[float, float, float] = (-1.0, -1.0, -1.0)
-    upper: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    lower: tuple[float, float, float] | None = (-1.0, -1.0, -1.0)
+    upper: tuple[float, float, float] | None = (1.0, 1.0, 1.0)
     shell: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not np.shape(self.lower) == np.shape(self.upper) == (3,):
-            raise ConfigError(f"voxel bounds are {self.lower} to {self.upper}; each needs x, y and z [m]")
-        _check_grid(self.bounds, self.size)
+        require("voxels.size", self.size, at_least=1)
+        corners = (self.lower, self.upper)
+        if corners != (None, None):
+            if any(corner is None or np.shape(corner) != (3,) for corner in corners):
+                raise ConfigError(f"voxel bounds are {corners}; each needs x, y and z [m], or both none")
+            _check_grid(self.bounds, self.size)
         require("voxels.density", self.density, at_least=0)
         if self.shell is not None and not (
             np.shape(self.shell) == (2,) and all(0 < value < np.inf for value in self.shell)
@@ -47,7 +53,13 @@ class VoxelParameters:
 
     @property
     def bounds(self) -> np.ndarray:
-        """Corners of the grid (2, 3) [m]."""
+        """Corners of the grid (2, 3) [m].
+
+        Raises:
+            ConfigError: there are none; see `Perception.of`.
+        """
+        if self.lower is None or self.upper is None:
+            raise ConfigError("voxel bounds are empty; name a robot, whose reach says them, or lower and upper")
         return np.array([self.lower, self.upper], float)
 
 
@@ -60,6 +72,13 @@ class Perception:
 
     def __post_init__(self) -> None:
         require("perception.seed", self.seed, at_least=0)
+
+    def of(self, robot: UrdfRobot | Point) -> VoxelParameters:
+        """Return the voxels of scenes in which this robot acts."""
+        if self.voxels.lower is not None:
+            return self.voxels
+        lower, upper = (tuple(corner) for corner in reached(robot).tolist())
+        return replace(self.voxels, lower=lower, upper=upper)
 
 
 def voxelise(points: np.ndarray, bounds: np.ndarray, size: int) -> np.ndarray:

@@ -1,6 +1,5 @@
-"""One problem of one's own: from a file to a verified, time-stamped path."""
+"""Problem files of a user's own: what they ask for, and their starts and goals by inverse kinematics."""
 
 from pipeline.problems.file import ProblemFile, read_problem
-from pipeline.problems.solve import Solution, solve
 
-__all__ = ["ProblemFile", "Solution", "read_problem", "solve"]
+__all__ = ["ProblemFile", "read_problem"]

@@ -18,6 +18,7 @@ from pipeline.robots.order import revolute
 from pipeline.robots.turning import TURN, Turning, turns_within
 from pipeline.spec.statement import Carried, ChainSpec, Inequality, Statement
 from pipeline.tasks import Held, Setup, hold, set_up
+from pipeline.verification.judge import Judge
 
 _TRIES = 100  # of inverse kinematics per wanted configuration
 _FROM_LIMITS = 1e-3  # a way that begins on a joint limit bends beyond it: only for want of anything else [rad or m]
@@ -127,6 +128,19 @@ def robot_settings(file: ProblemFile) -> UrdfRobot:
     urdf, srdf = (_beside(address, file.folder) for address in (settings.urdf, settings.srdf))
     folders = tuple(str(file.folder / folder) for folder in settings.package_dirs)  # an absolute one stays as it is
     return replace(settings, urdf=urdf, srdf=srdf, package_dirs=(*folders, *settings.package_dirs))
+
+
+def sound(judge: Judge, ends: np.ndarray, name: str) -> np.ndarray:
+    """Return those of several starts or goals (S, n) that the verifier passes: no search can mend the others.
+
+    Raises:
+        ProblemError: it passes none; the message says why it refuses the first.
+    """
+    verdicts = [judge.verify(q[None], q, q) for q in ends]
+    passed = [verdict.passed for verdict in verdicts]
+    if not any(passed):
+        raise ProblemError(f"{name}: the verifier refuses it: {verdicts[0].message}")
+    return ends[passed]
 
 
 class _Finder:

@@ -1,6 +1,6 @@
 """What a paper reports about an environment, as data: its numbers stand in conf/paper and nowhere else."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pipeline.errors import require
 
@@ -64,7 +64,7 @@ class Paper:
     """What a page compares with; see conf/paper. Without a paper there are no results.
 
     Attributes:
-        title: of the page.
+        title: of the page; the name of its environment where it is empty.
         source: name of the paper's text.
         unit: of path lengths.
         scenarios: what each scenario is in the paper.
@@ -75,7 +75,7 @@ class Paper:
         results: what it says.
     """
 
-    title: str
+    title: str = ""
     source: str = ""
     unit: str = "m"
     scenarios: dict[str, str] = field(default_factory=dict)
@@ -85,6 +85,10 @@ class Paper:
     by_ratio: tuple[tuple[str, str], ...] = ()
     drawn: tuple[str, ...] = ()
     results: tuple[PaperResult, ...] = ()
+
+    def titled(self, environment: str) -> "Paper":
+        """Return the same with a title: made of the environment's name where there is none."""
+        return self if self.title else replace(self, title=environment.replace("_", " ").capitalize())
 
     def find(self, scenario: str, method: str, adherence: str) -> PaperResult | None:
         """Return the paper's result of a method, or None where the paper says nothing about it."""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -40,12 +40,15 @@ class Scene:
         name: unique among all scenes of an environment.
         split: what it may be used for.
         legs: what is asked along each leg of its tasks; most have one.
+        sources: files that the scene and its tasks were read from, with a hash of what each says; the robot's
+            description is among them unless a package has it. What is made of the scene follows from them.
     """
 
     scenario: str
     name: str
     split: Split
     legs: tuple[Statement, ...]
+    sources: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def statement(self) -> Statement:
@@ -63,7 +66,8 @@ def write_scenes(scenes: Iterable[Scene], folder: Path) -> None:
     lines: list[Any] = [{"schema": _SCHEMA, "version": VERSION}]
     for scene in scenes:
         head = {"scenario": scene.scenario, "scene": scene.name, "split": scene.split.value}
-        lines.append({**head, "legs": encode(scene.legs)})
+        sources = {"sources": dict(scene.sources)} if scene.sources else {}
+        lines.append({**head, **sources, "legs": encode(scene.legs)})
     with atomic_file(folder / SCENES) as temporary:
         temporary.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in lines), encoding="utf-8")
 
@@ -87,7 +91,7 @@ def read_scenes(folder: Path) -> dict[str, Scene]:
         name = str(line.get("scene")) if isinstance(line, dict) else ""
         try:
             legs = decode(line["legs"], f"{path}: scene {name!r}")
-            found[name] = Scene(str(line["scenario"]), name, Split(line["split"]), legs)
+            found[name] = Scene(str(line["scenario"]), name, Split(line["split"]), legs, line.get("sources", {}))
         except (KeyError, TypeError, ValueError) as error:
             raise ArtifactError(f"{path}: scene {name!r} lacks {error}") from error
         if not legs or not all(isinstance(leg, Statement) for leg in legs):

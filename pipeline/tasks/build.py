@@ -9,6 +9,7 @@ from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -133,12 +134,12 @@ def robot_of(settings: UrdfRobot | Point) -> Robot:
             return point_robot(settings.radius, settings.lower, settings.upper)
         return settings.robot()
 
-    return _ROBOTS.get(digest(settings), make, lambda robot: robot.files)
+    return _ROBOTS.get(digest(settings, str(Path.cwd())), make, lambda robot: robot.files)
 
 
 def hold(statement: Statement) -> Held:
     """Return the robot of a statement with what it holds; the same one for statements that say the same of it."""
-    key = digest(statement.robot, statement.chain, statement.carried)
+    key = digest(statement.robot, statement.chain, statement.carried, str(Path.cwd()))  # which paths may begin at
     return _HELD.get(key, lambda: _hold(statement), lambda held: held.robot.files)
 
 

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.problems import read_problem
 from pipeline.tasks import forget
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

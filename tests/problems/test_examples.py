@@ -13,9 +13,10 @@ import pytest
 from pipeline.errors import ProblemError
 from pipeline.manifolds import Adherence
 from pipeline.planners import RrtConnect, path_length
-from pipeline.problems import Solution, read_problem, solve
+from pipeline.planning import Solution, solve
+from pipeline.planning.output import write_solution
+from pipeline.problems import read_problem
 from pipeline.problems.file import Where
-from pipeline.problems.output import write_solution
 from pipeline.problems.parts import PARTS
 from pipeline.recording import read_recording
 from pipeline.robots import Shape

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.problems import read_problem
 from pipeline.problems.build import statement_of
 from pipeline.verification.judge import Judge
 from pipeline.verification.verdict import Failure

@@ -7,9 +7,10 @@ import pytest
 import yaml
 
 from pipeline.errors import ProblemError
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.planning.solve import Solution
+from pipeline.problems import read_problem
 from pipeline.problems.build import build
-from pipeline.problems.solve import Solution
 from pipeline.robots.turning import TURN
 from tests.robots.crane import CRANE
 

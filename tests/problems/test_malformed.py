@@ -9,9 +9,10 @@ import pytest
 import yaml
 
 from pipeline.errors import ConfigError, ConstraintError, PipelineError, ProblemError, RobotError
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.planning.output import check_output, write_solution
+from pipeline.problems import read_problem
 from pipeline.problems.build import build
-from pipeline.problems.output import check_output, write_solution
 
 ROOT = Path(__file__).parents[2]
 GOOD = yaml.safe_load((ROOT / "examples" / "upright_panda.yaml").read_text())

@@ -10,9 +10,10 @@ import pytest
 import yaml
 
 from pipeline.errors import ProblemError
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.planning.output import write_solution
+from pipeline.problems import read_problem
 from pipeline.problems.build import build
-from pipeline.problems.output import write_solution
 from pipeline.recording import read_recording
 from pipeline.robots import Validity
 from tests.robots.named import named

@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from pipeline.errors import PipelineError
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.problems import read_problem
 from pipeline.problems.build import build
 from tests.robots import meshes
 

@@ -11,9 +11,10 @@ import yaml
 
 from pipeline.constraints import Constraint
 from pipeline.errors import ProblemError
-from pipeline.problems import read_problem, solve
+from pipeline.planning import solve
+from pipeline.planning.output import write_solution
+from pipeline.problems import read_problem
 from pipeline.problems.build import build, statement_of
-from pipeline.problems.output import write_solution
 from pipeline.robots import Robot
 from pipeline.tasks import equations, forget
 from pipeline.verification.judge import Judge

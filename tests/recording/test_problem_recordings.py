@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.problems import read_problem, solve
-from pipeline.problems.output import RECORDING, write_solution
-from pipeline.problems.resolved import documents, resolved
+from pipeline.planning import solve
+from pipeline.planning.output import RECORDING, write_solution
+from pipeline.planning.resolved import documents, resolved
+from pipeline.problems import read_problem
 from pipeline.provenance import commit
 from pipeline.recording import read_recording
 from pipeline.robots.description import SHARE

@@ -11,8 +11,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from pipeline.environments import Band, SphereEnvironment
-from pipeline.problems import read_problem, solve
-from pipeline.problems.output import recording
+from pipeline.planning import solve
+from pipeline.planning.output import recording
+from pipeline.problems import read_problem
 from pipeline.recording import Recording, time_parameterise, write_recording
 from pipeline.robots import Obstacle, Robot, Shape, UrdfRobot, attach
 from pipeline.spec.scene import Split

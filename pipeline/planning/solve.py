@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ProblemError
 from pipeline.manifolds import Adherence, make_adherence, subdivided
 from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
-from pipeline.problems.build import Built, build
+from pipeline.problems.build import Built, build, sound
 from pipeline.problems.file import ProblemFile, choice
 from pipeline.recording.content import SHORTEST_STEP
 from pipeline.robots.order import revolute
@@ -119,7 +118,7 @@ def solve(file: ProblemFile) -> Solution:
     judge = Judge(built.setup.statement)
     starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
     _problem(space, starts, goals).check()
-    problem = _problem(space, _sound(judge, starts, "start"), _sound(judge, goals, "goal"))
+    problem = _problem(space, sound(judge, starts, "start"), sound(judge, goals, "goal"))
     setup, begin = time.perf_counter() - begin, time.perf_counter()
     end = begin + file.time_limit
     verdict: Verdict | None = None
@@ -144,19 +143,6 @@ def solve(file: ProblemFile) -> Solution:
 
 def _problem(space: Adherence, starts: np.ndarray, goals: np.ndarray) -> Problem:
     return Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
-
-
-def _sound(judge: Judge, ends: np.ndarray, name: str) -> np.ndarray:
-    """Return those of several starts or goals (S, n) that the verifier passes: no search can mend the others.
-
-    Raises:
-        ProblemError: it passes none; the message says why it refuses the first.
-    """
-    verdicts = [judge.verify(q[None], q, q) for q in ends]
-    passed = [verdict.passed for verdict in verdicts]
-    if not any(passed):
-        raise ProblemError(f"{name}: the verifier refuses it: {verdicts[0].message}")
-    return ends[passed]
 
 
 def _allowed(space: Adherence, ends: np.ndarray) -> np.ndarray:

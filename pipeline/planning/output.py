@@ -11,9 +11,9 @@ import pandas as pd
 from pipeline.atomic import atomic_folder
 from pipeline.errors import ConfigError
 from pipeline.files import write_json
+from pipeline.planning.resolved import documents
+from pipeline.planning.solve import Solution
 from pipeline.problems.file import choice
-from pipeline.problems.resolved import documents
-from pipeline.problems.solve import Solution
 from pipeline.provenance import commit, planning_versions
 from pipeline.recording import Recording, write_layout, write_recording
 from pipeline.reporting.scene_still import draw_path
