@@ -28,7 +28,7 @@ from pipeline.learning.products import Products
 from pipeline.manifolds import Adherence, Traversal, make_adherence
 from pipeline.manifolds.screening import POINTS
 from pipeline.parallel import run_shards
-from pipeline.planners import PLANNERS, Planner, Problem, Termination
+from pipeline.planners import PLANNERS, Planner, Query, Termination
 from pipeline.robots import Validity
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
@@ -108,7 +108,7 @@ class Workplace:
             case = self.cases[i % len(self.cases)]
             free = Validity(self.task.robot, (), self.margin)
             space.reset(case.task.validity(self.margin) if obstacles else free)
-            problem = Problem(space, case.task.start, case.task.goal, case.scene)
+            problem = Query(space, case.task.start, case.task.goal, case.scene)
             termination = Termination(time_limit=self.contest.time_limit)
             found = planner.plan(problem, UniformSampler(), termination, self.contest.seed + i)
             yield case.task, found.path

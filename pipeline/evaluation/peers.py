@@ -27,7 +27,7 @@ from pipeline.evaluation.runner import Runner
 from pipeline.evaluation.statistics import Center, Comparison, Summary, summary
 from pipeline.learning.choices import make_sampler
 from pipeline.manifolds import Adherence, AtlasParameters
-from pipeline.planners import PLANNERS, FmtStar, Planner, Problem, Termination
+from pipeline.planners import PLANNERS, FmtStar, Planner, Query, Termination
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
@@ -118,7 +118,7 @@ class ChartSampler(UniformSampler):
 
     def draw_cover(self, count: int) -> np.ndarray:
         """Return those of OMPL's samples that can be projected (m, n); its charts begin at both ends."""
-        problem = Problem(self.adherence, self.asked.start, self.asked.goal)
+        problem = Query(self.adherence, self.asked.start, self.asked.goal)
         return self.adherence.project(self.peer.samples(problem, count, int(self.rng.integers(2**31))))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.manifolds import Adherence, make_adherence
-from pipeline.planners import Planner, PlanResult, Problem, Termination
+from pipeline.planners import Planner, PlanResult, Query, Termination
 from pipeline.robots import Geometry
 from pipeline.samplers import Sampler
 from pipeline.schema import Choice
@@ -100,9 +100,9 @@ class Manifold:
             self._asked = task.statement
         return self._space
 
-    def problem(self, case: Case) -> Problem:
+    def problem(self, case: Case) -> Query:
         """Return what planners are asked for a case."""
-        return Problem(self.at(case.task), case.task.start, case.task.goal, case.scene)
+        return Query(self.at(case.task), case.task.start, case.task.goal, case.scene)
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """Planners over any adherence method and any sampler."""
 
-from pipeline.planners.base import Clock, Planner, PlanResult, PlanStatus, Problem, Termination, path_length
+from pipeline.planners.base import Clock, Planner, PlanResult, PlanStatus, Query, Termination, path_length
 from pipeline.planners.dynamic_domain import DynamicDomainRrtConnect
 from pipeline.planners.fmt import FmtStar
 from pipeline.planners.rrt import Rrt
@@ -22,7 +22,7 @@ __all__ = [
     "PlanResult",
     "PlanStatus",
     "Planner",
-    "Problem",
+    "Query",
     "Rrt",
     "RrtConnect",
     "Termination",

@@ -48,52 +48,55 @@ class Termination:
                 require(f"termination.{name}", value, above=0)
 
 
-@dataclass(frozen=True)
-class Problem:
-    """A start and a goal on the manifold of an adherence method, in the scene its validity checker holds.
+@dataclass(frozen=True, eq=False)
+class Query:
+    """What a planner is asked: a way between starts and goals on the manifold of an adherence method.
 
     Attributes:
         adherence: manifold, obstacles and parameters.
-        start, goal: configurations (n,).
-        others: further goals (G, n), any of which will do as well; planners that grow no tree from the goal go for
-            `goal` only.
-        starts: further starts (S, n), any of which will do as well; FMT* and OMPL set out from `start` only.
+        starts: configurations (S, n), any of which will do, or one (n,); FMT* and OMPL set out from the first only.
+        goals: likewise (G, n) or (n,); planners that grow no tree from the goal go for the first only.
         scene: key of the scene for samplers that condition on it.
     """
 
     adherence: Adherence
-    start: np.ndarray
-    goal: np.ndarray
+    starts: np.ndarray
+    goals: np.ndarray
     scene: str | None = None
-    others: np.ndarray | None = None
-    starts: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("starts", "goals"):
+            ends = np.array(getattr(self, name), float)
+            object.__setattr__(self, name, ends[None] if ends.ndim < 2 else ends)
 
     @property
-    def all_starts(self) -> list[np.ndarray]:
-        """All starts (n,), `start` first."""
-        return [self.start, *([] if self.starts is None else self.starts)]
+    def start(self) -> np.ndarray:
+        """The first start (n,)."""
+        return np.asarray(self.starts[0])
 
     @property
-    def all_goals(self) -> list[np.ndarray]:
-        """All goals (n,), `goal` first."""
-        return [self.goal, *([] if self.others is None else self.others)]
+    def goal(self) -> np.ndarray:
+        """The first goal (n,)."""
+        return np.asarray(self.goals[0])
 
     def check(self) -> None:
         """Refuse a start or goal that no path can have.
 
         Raises:
-            ProblemError: wrong size, not finite, outside the bounds, off the manifold or in collision; the message
-                names which, the value and the bound.
+            ProblemError: none, wrong size, not finite, outside the bounds, off the manifold or in collision; the
+                message names which, the value and the bound.
         """
         space = self.adherence
+        for which, ends in (("start", self.starts), ("goal", self.goals)):
+            if not len(ends):
+                raise ProblemError(f"there is no {which}")
         named = [
             (which, i, q)
-            for which, ends in (("start", self.all_starts), ("goal", self.all_goals))
+            for which, ends in (("start", self.starts), ("goal", self.goals))
             for i, q in enumerate(ends, 1)
         ]
         for which, i, q in named:
             name = which if i == 1 else f"{which} {i}"
-            q = np.asarray(q, float)
             if q.shape != (space.dimension,):
                 raise ProblemError(f"{name} has shape {q.shape}, the robot has {space.dimension} joints")
             if not np.isfinite(q).all():
@@ -195,31 +198,31 @@ class Clock:
 class Planner(ABC):
     """A search for a path; knows nothing about projection, charts or collision."""
 
-    def plan(self, problem: Problem, sampler: Sampler, termination: Termination, seed: int) -> PlanResult:
+    def plan(self, query: Query, sampler: Sampler, termination: Termination, seed: int) -> PlanResult:
         """Search until solved or terminated. Failure is a result, never an exception.
 
         Raises:
-            ProblemError: the start or goal is invalid (see `Problem.check`).
+            ProblemError: the start or goal is invalid (see `Query.check`).
         """
-        problem.check()
-        space = problem.adherence
+        query.check()
+        space = query.adherence
         space.reset()
         self._prepare(space)
         clock = Clock(termination)
         rng, network_time = np.random.default_rng(seed), 0.0
-        for q in (problem.start, *problem.all_goals, *problem.all_starts[1:]):
+        for q in (query.start, *query.goals, *query.starts[1:]):
             space.anchor(q)
         status = PlanStatus.SOLVED
         path: np.ndarray | None = None
-        if np.array_equal(problem.start, problem.goal):
-            path = np.stack([problem.start, problem.goal])
+        if np.array_equal(query.start, query.goal):
+            path = np.stack([query.start, query.goal])
         while path is None or (termination.cost_below is not None and path_length(path) >= termination.cost_below):
             if path is not None and clock.tick() is not None:
                 break
-            sampler.begin(Asked(space, problem.start, problem.goal, problem.scene), rng)
+            sampler.begin(Asked(space, query.start, query.goal, query.scene), rng)
             try:
                 with space.deadline.until(clock.end):
-                    status, found = self._search(problem, sampler, termination, clock)
+                    status, found = self._search(query, sampler, termination, clock)
             except OutOfTime:
                 status, found = PlanStatus.TIME_LIMIT, None
             network_time += sampler.network_time
@@ -244,7 +247,7 @@ class Planner(ABC):
 
     @abstractmethod
     def _search(
-        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+        self, query: Query, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
         """Run the search; return its status and the path (T, n) when solved."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.errors import require
 from pipeline.manifolds import Adherence, Stop
-from pipeline.planners.base import Clock, PlanStatus, Problem, Termination
+from pipeline.planners.base import Clock, PlanStatus, Query, Termination
 from pipeline.planners.rrtconnect import RrtConnect
 from pipeline.planners.tree import Tree
 from pipeline.samplers.base import Sampler
@@ -50,17 +50,17 @@ class DynamicDomainRrtConnect(RrtConnect):
         require("planner.batch", self.batch, at_least=_AROUND)
 
     def _search(
-        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+        self, query: Query, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
-        space = problem.adherence
-        trees = (Tree(*problem.all_starts, turns=space.turns), Tree(*problem.all_goals, turns=space.turns))
+        space = query.adherence
+        trees = (Tree(*query.starts, turns=space.turns), Tree(*query.goals, turns=space.turns))
         domains = (_Domains(self.domain), _Domains(self.domain))
         longest = max(int(self.range / space.parameters.step), 1)
         if self.direct and not clock.iterations:
-            path = self._straight(space, trees, problem.goal)
+            path = self._straight(space, trees, query.goal)
             if path is not None:
                 return PlanStatus.SOLVED, path
-        current = [problem.start, problem.goal]
+        current = [query.start, query.goal]
         looked = [0, 0]  # nodes of each tree around which samples were drawn
         closely = [False, False]  # whether the last samples after that were drawn around nodes too
         spacing, barren, a, b = self.spacing, 0, 0, 1

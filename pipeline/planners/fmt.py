@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.errors import ConfigError, require
 from pipeline.manifolds import Adherence
-from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
+from pipeline.planners.base import Clock, Planner, PlanStatus, Query, Termination
 from pipeline.planners.tree import index
 from pipeline.samplers.base import Sampler
 
@@ -58,12 +58,12 @@ class FmtStar(Planner):
         space.prepare_screen()
 
     def _search(
-        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+        self, query: Query, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
         if not sampler.lands:
             raise ConfigError("FMT* connects its samples: it needs a sampler that draws from the manifold")
-        batch = self.first_batch(problem, sampler, clock)
-        wave = _Wave(problem.adherence, batch, self.radius_multiplier, self.heuristic, self.group)
+        batch = self.first_batch(query, sampler, clock)
+        wave = _Wave(query.adherence, batch, self.radius_multiplier, self.heuristic, self.group)
         while True:
             status = clock.tick()
             if status is not None:
@@ -75,12 +75,12 @@ class FmtStar(Planner):
             elif wave.alive:
                 wave.advance()
             else:
-                self._sample_again(problem, sampler, wave, clock)
+                self._sample_again(query, sampler, wave, clock)
 
-    def first_batch(self, problem: Problem, sampler: Sampler, clock: Clock) -> np.ndarray:
+    def first_batch(self, query: Query, sampler: Sampler, clock: Clock) -> np.ndarray:
         """Return start, goal and N_init - 2 free samples, fewer when time runs out (N, n)."""
-        space = problem.adherence
-        found = [problem.start, problem.goal]
+        space = query.adherence
+        found = [query.start, query.goal]
         barren = 0
         while len(found) < self.samples and barren < _BARREN and not clock.out_of_time():
             proposals = sampler.cover(self.samples - len(found))
@@ -89,7 +89,7 @@ class FmtStar(Planner):
             found += list(proposals[free])
         return np.array(found[: self.samples])
 
-    def _sample_again(self, problem: Problem, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:
+    def _sample_again(self, query: Query, sampler: Sampler, wave: "_Wave", clock: Clock) -> None:
         """Sample from random tree nodes towards the goal until the tree has something to go on from (Algorithm 6)."""
         while not wave.alive and not clock.out_of_time():
             count = sampler.batch
@@ -97,8 +97,8 @@ class FmtStar(Planner):
                 count = max(count, min(int(self.late * wave.count), _MOST_LATE // wave.neighbours.shape[1]))
             tree = np.flatnonzero(wave.state == _CLOSED)
             current = wave.q[tree[sampler.rng.integers(len(tree), size=count)]]
-            drawn = sampler.sample(current, np.repeat(problem.goal[None], count, axis=0))
-            free = drawn[problem.adherence.free_rows(drawn)]
+            drawn = sampler.sample(current, np.repeat(query.goal[None], count, axis=0))
+            free = drawn[query.adherence.free_rows(drawn)]
             if len(free):
                 wave.extend(free)
             if clock.tick() is not None:

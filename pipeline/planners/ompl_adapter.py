@@ -24,7 +24,7 @@ from ompl import util as ou
 
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, require
-from pipeline.planners.base import PlanResult, PlanStatus, Problem, Termination
+from pipeline.planners.base import PlanResult, PlanStatus, Query, Termination
 
 _log = logging.getLogger(__name__)
 _SPACES = {
@@ -144,7 +144,7 @@ class OmplPlanner:
         if self.parameters.project_override and space != "projection":
             raise ConfigError(f"ompl.project_override needs the space 'projection'; {space!r} projects by its charts")
 
-    def plan(self, problem: Problem, termination: Termination, seed: int) -> PlanResult:
+    def plan(self, query: Query, termination: Termination, seed: int) -> PlanResult:
         """Search until solved or terminated. Failure is a result, and so is an approximate solution: a failure.
 
         The path is OMPL's, interpolated on the manifold in steps of about delta, without a finer walk: what touches or
@@ -156,19 +156,19 @@ class OmplPlanner:
         are bounded half a turn beyond both. A way round that needs more than that is not found.
 
         Raises:
-            ProblemError: the start or goal is invalid (see `Problem.check`).
+            ProblemError: the start or goal is invalid (see `Query.check`).
             ConfigError: an iteration limit for a planner that only a clock can stop.
         """
         if self.planner in _THREADED and termination.max_iterations is not None:
             raise ConfigError(f"{self.planner} has a second thread and ends by time_limit only; empty max_iterations")
-        problem.check()
-        problem = _flat(problem)
-        problem.adherence.reset()
+        query.check()
+        query = _flat(query)
+        query.adherence.reset()
         calls = self.callbacks = Callbacks()
         with _silent():
             # OMPL refuses 0 and takes 32 bits.
             ou.RNG.setSeed(max(1, int(np.random.SeedSequence(seed).generate_state(1)[0])))
-            status, path, elapsed, charts = self._solve(problem, termination, calls)
+            status, path, elapsed, charts = self._solve(query, termination, calls)
         ordinary = max(0, calls.values - calls.jacobians)
         projections = calls.projections if self.parameters.project_override else ordinary
         return PlanResult(
@@ -177,24 +177,24 @@ class OmplPlanner:
             planning_time=elapsed,
             network_time=0.0,
             iterations=calls.terminations,
-            counters=replace(problem.adherence.counted(), projections=projections, charts=charts),
+            counters=replace(query.adherence.counted(), projections=projections, charts=charts),
             seed=seed,
         )
 
-    def samples(self, problem: Problem, count: int, seed: int) -> np.ndarray:
+    def samples(self, query: Query, count: int, seed: int) -> np.ndarray:
         """Return what the space draws before any walk: with charts, around start and goal (count, n).
 
         Some may be off the manifold, in collision or outside the bounds: planners drop these.
         """
-        problem = _flat(problem)
-        dimension, calls = problem.adherence.dimension, Callbacks()
+        query = _flat(query)
+        dimension, calls = query.adherence.dimension, Callbacks()
         with _silent():
             ou.RNG.setSeed(max(1, int(np.random.SeedSequence(seed).generate_state(1)[0])))
-            space = self._space(problem, calls)
+            space = self._space(query, calls)
             information = _SPACES[self.space][1](space)
-            information.setStateValidityChecker(_checker(problem, calls, self.stand_ins))
+            information.setStateValidityChecker(_checker(query, calls, self.stand_ins))
             information.setup()
-            self._anchor(space, *(_state(space, q) for q in (problem.start, problem.goal)))
+            self._anchor(space, *(_state(space, q) for q in (query.start, query.goal)))
             sampler, state, drawn = space.allocStateSampler(), space.allocState(), np.empty((count, dimension))
             for row in drawn:
                 sampler.sampleUniform(state)
@@ -202,16 +202,16 @@ class OmplPlanner:
         return drawn
 
     def _solve(
-        self, problem: Problem, termination: Termination, calls: Callbacks
+        self, query: Query, termination: Termination, calls: Callbacks
     ) -> tuple[PlanStatus, np.ndarray, float, int]:
         """Return status, path (T, n), time [s] and number of charts. Everything is made anew, nothing outlives it."""
-        dimension, charted = problem.adherence.dimension, self.space != "projection"
+        dimension, charted = query.adherence.dimension, self.space != "projection"
         path, charts = np.empty((0, dimension)), 0
-        space = self._space(problem, calls)
+        space = self._space(query, calls)
         information = _SPACES[self.space][1](space)
-        information.setStateValidityChecker(_checker(problem, calls, self.stand_ins))
+        information.setStateValidityChecker(_checker(query, calls, self.stand_ins))
         information.setup()
-        start, goal = _state(space, problem.start), _state(space, problem.goal)
+        start, goal = _state(space, query.start), _state(space, query.goal)
         definition = ob.ProblemDefinition(information)
         definition.setStartAndGoalStates(start, goal)
         objective = ob.PathLengthOptimizationObjective(information)
@@ -230,16 +230,16 @@ class OmplPlanner:
                 solution = definition.getSolutionPath()
                 solution.interpolate()
                 states = np.array([[state[i] for i in range(dimension)] for state in solution.getStates()])
-                path = _joined(states, problem)
+                path = _joined(states, query)
         except RuntimeError as error:  # an ompl::Exception; ours are not RuntimeErrors
             _log.warning("OMPL's %s in the %s space gave up: %s", self.planner, self.space, error)
         elapsed = time.perf_counter() - begin
         return (PlanStatus.SOLVED if len(path) else _unsolved(termination, calls, elapsed)), path, elapsed, charts
 
-    def _space(self, problem: Problem, calls: Callbacks) -> Any:
-        adherence = problem.adherence
+    def _space(self, query: Query, calls: Callbacks) -> Any:
+        adherence = query.adherence
         ambient, bounds = ob.RealVectorStateSpace(adherence.dimension), ob.RealVectorBounds(adherence.dimension)
-        for joint, (low, high) in enumerate(_bounds(problem)):
+        for joint, (low, high) in enumerate(_bounds(query)):
             bounds.setLow(joint, low)
             bounds.setHigh(joint, high)
         ambient.setBounds(bounds)
@@ -331,10 +331,10 @@ def _state(space: Any, q: np.ndarray) -> Any:
     return state
 
 
-def _checker(problem: Problem, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:
+def _checker(query: Query, calls: Callbacks, stand_ins: tuple[Any, Any] | None) -> Callable[[Any], bool]:
     """OMPL checks joint limits nowhere on a walk: they are part of validity here."""
-    bounds = tuple((i, low, high) for i, (low, high) in enumerate(_bounds(problem)))
-    free = problem.adherence.validity.free if stand_ins is None else stand_ins[1].free
+    bounds = tuple((i, low, high) for i, (low, high) in enumerate(_bounds(query)))
+    free = query.adherence.validity.free if stand_ins is None else stand_ins[1].free
 
     def valid(state: Any) -> bool:
         calls.states += 1
@@ -346,28 +346,28 @@ def _checker(problem: Problem, calls: Callbacks, stand_ins: tuple[Any, Any] | No
     return valid
 
 
-def _flat(problem: Problem) -> Problem:
-    """Return the problem with its goal at the turns nearest to the start."""
-    turns = problem.adherence.turns
-    return problem if turns is None else replace(problem, goal=turns.nearest(problem.goal, problem.start))
+def _flat(query: Query) -> Query:
+    """Return the query with its goal at the turns nearest to the start."""
+    turns = query.adherence.turns
+    return query if turns is None else replace(query, goals=turns.nearest(query.goals, query.start))
 
 
-def _bounds(problem: Problem) -> list[tuple[float, float]]:
+def _bounds(query: Query) -> list[tuple[float, float]]:
     """Return the bounds of every variable: its limits; of one that turns, half a turn beyond start and goal."""
-    low, high = problem.adherence.lower, problem.adherence.upper
-    ends = np.stack([problem.start, problem.goal])
+    low, high = query.adherence.lower, query.adherence.upper
+    ends = np.stack([query.start, query.goal])
     low = np.where(np.isfinite(low), low, ends.min(axis=0) - np.pi)
     high = np.where(np.isfinite(high), high, ends.max(axis=0) + np.pi)
     return list(zip(low.tolist(), high.tolist(), strict=True))
 
 
-def _joined(states: np.ndarray, problem: Problem) -> np.ndarray:
+def _joined(states: np.ndarray, query: Query) -> np.ndarray:
     """Return the states (T, n) without repetitions, or (0, n) when they do not run from start to goal."""
-    if not (np.abs(states[0] - problem.start).max() < _SAME and np.abs(states[-1] - problem.goal).max() < _SAME):
+    if not (np.abs(states[0] - query.start).max() < _SAME and np.abs(states[-1] - query.goal).max() < _SAME):
         return np.empty((0, states.shape[1]))
     moved = np.abs(np.diff(states, axis=0)).max(axis=1) > _SAME  # OMPL repeats the states where two walks meet
-    states = np.vstack([problem.start, states[1:][moved]])
-    states[-1] = problem.goal
+    states = np.vstack([query.start, states[1:][moved]])
+    states[-1] = query.goal
     return states
 
 

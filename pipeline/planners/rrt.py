@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import require
-from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
+from pipeline.planners.base import Clock, Planner, PlanStatus, Query, Termination
 from pipeline.planners.tree import Tree
 from pipeline.samplers.base import Sampler
 
@@ -30,11 +30,11 @@ class Rrt(Planner):
         require("planner.node_states", self.node_states, at_least=1)
 
     def _search(
-        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+        self, query: Query, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
-        space, goal = problem.adherence, problem.goal
+        space, goal = query.adherence, query.goal
         longest = max(int(self.range / space.parameters.step), 1)
-        tree = Tree(*problem.all_starts, turns=space.turns)
+        tree = Tree(*query.starts, turns=space.turns)
         alive = list(range(len(tree)))
         while True:
             status = clock.tick()

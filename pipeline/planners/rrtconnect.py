@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.errors import require
 from pipeline.manifolds import Adherence
-from pipeline.planners.base import Clock, Planner, PlanStatus, Problem, Termination
+from pipeline.planners.base import Clock, Planner, PlanStatus, Query, Termination
 from pipeline.planners.tree import Tree
 from pipeline.samplers.base import Sampler
 
@@ -43,14 +43,14 @@ class RrtConnect(Planner):
         require("planner.outward_distance", self.outward_distance, above=0)
 
     def _search(
-        self, problem: Problem, sampler: Sampler, termination: Termination, clock: Clock
+        self, query: Query, sampler: Sampler, termination: Termination, clock: Clock
     ) -> tuple[PlanStatus, np.ndarray | None]:
-        space = problem.adherence
+        space = query.adherence
         longest = max(int(self.range / space.parameters.step), 1)
-        trees = (Tree(*problem.all_starts, turns=space.turns), Tree(*problem.all_goals, turns=space.turns))
-        current = [problem.start, problem.goal]  # the moving start and target of Algorithm 7
+        trees = (Tree(*query.starts, turns=space.turns), Tree(*query.goals, turns=space.turns))
+        current = [query.start, query.goal]  # the moving start and target of Algorithm 7
         if self.direct and not clock.iterations:  # a search anew would find the same path
-            path = self._straight(space, trees, problem.goal)
+            path = self._straight(space, trees, query.goal)
             if path is not None:
                 return PlanStatus.SOLVED, path
         a, b = 0, 1

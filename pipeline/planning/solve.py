@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.manifolds import Adherence, make_adherence, subdivided
-from pipeline.planners import PLANNERS, PlanResult, Problem, Termination, path_length, shortcut
+from pipeline.planners import PLANNERS, PlanResult, Query, Termination, path_length, shortcut
 from pipeline.problems.build import Built, build, sound
 from pipeline.problems.file import ProblemFile, choice
 from pipeline.recording.content import SHORTEST_STEP
@@ -117,8 +117,8 @@ def solve(file: ProblemFile) -> Solution:
     space = make_adherence(adherence, built.constraint, built.validity)
     judge = Judge(built.setup.statement)
     starts, goals = _allowed(space, built.starts), _allowed(space, built.goals)
-    _problem(space, starts, goals).check()
-    problem = _problem(space, sound(judge, starts, "start"), sound(judge, goals, "goal"))
+    Query(space, starts, goals).check()
+    problem = Query(space, sound(judge, starts, "start"), sound(judge, goals, "goal"))
     setup, begin = time.perf_counter() - begin, time.perf_counter()
     end = begin + file.time_limit
     verdict: Verdict | None = None
@@ -139,10 +139,6 @@ def solve(file: ProblemFile) -> Solution:
         path = np.empty((0, space.dimension))
     times, seconds = timestamps(path, built, file.speed), time.perf_counter() - begin
     return Solution(file, built, plan, verdict, path, times, path_length(plan.path), setup, seconds)
-
-
-def _problem(space: Adherence, starts: np.ndarray, goals: np.ndarray) -> Problem:
-    return Problem(space, starts[0], goals[0], others=goals[1:], starts=starts[1:])
 
 
 def _allowed(space: Adherence, ends: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from pipeline.constraints.torus import MAJOR, MINOR, TorusMaze, torus_constraint
 from pipeline.environments.torus import Mazes, maze_task, random_maze, read_maze
 from pipeline.errors import ConfigError, ConstraintError, ProblemError
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
-from pipeline.planners import DynamicDomainRrtConnect, Problem, Termination
+from pipeline.planners import DynamicDomainRrtConnect, Query, Termination
 from pipeline.samplers import UniformSampler
 from pipeline.tasks import Task, build
 from pipeline.verification.judge import Judge
@@ -137,7 +137,7 @@ def test_plans_follow_the_corridors(seed):
     parameters = AdherenceParameters(step=0.06, resolution=2 * margin)
     space = ProjectionAdherence(task.constraint, task.validity(margin), parameters)
     planner = DynamicDomainRrtConnect(domain=0.42, spacing=0.105, node_states=1, balanced=True)
-    asked = Problem(space, task.start, task.goal)
+    asked = Query(space, task.start, task.goal)
     result = planner.plan(asked, UniformSampler(), Termination(max_iterations=100_000), seed)
     assert result.solved
     verdict = Judge(task.statement).verify(result.path, task.start, task.goal)

@@ -12,7 +12,7 @@ from pipeline.errors import ProblemError
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence
 from pipeline.manifolds.chords import CLEARANCE, ChordProof
 from pipeline.manifolds.displacement import Displacement
-from pipeline.planners import Problem
+from pipeline.planners import Query
 from pipeline.robots import Obstacle, Robot, Shape, Validity, attach
 from pipeline.tasks import build
 from tests.robots.named import configurations, named, settings
@@ -139,8 +139,8 @@ def test_what_cannot_be_proven_is_said_before_the_search():
     plain, proven = (
         ProjectionAdherence(constraint, validity, AdherenceParameters(proof=choice)) for choice in (False, True)
     )
-    Problem(plain, robot.rest, robot.rest).check()
+    Query(plain, robot.rest, robot.rest).check()
     with pytest.raises(ProblemError, match=r"nearer than 0\.1 mm to contact"):
-        Problem(proven, robot.rest, robot.rest).check()
+        Query(proven, robot.rest, robot.rest).check()
     broken = np.array([robot.rest, np.full(robot.dimension, np.nan)])
     assert proof(robot, Validity(robot, ())).first_gap(broken) == 0

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.constraints import Unconstrained
 from pipeline.manifolds import ADHERENCES, AdherenceParameters, FreeSpace, Stop, make_adherence
-from pipeline.planners import PLANNERS, Problem, Termination
+from pipeline.planners import PLANNERS, Query, Termination
 from pipeline.robots import Obstacle, Shape, Validity
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
@@ -77,7 +77,7 @@ def test_planners_go_around(planner):
     for seed in range(3):
         walked = space()
         planned = PLANNERS[planner]()
-        found = planned.plan(Problem(walked, start, goal), UniformSampler(), Termination(max_iterations=20_000), seed)
+        found = planned.plan(Query(walked, start, goal), UniformSampler(), Termination(max_iterations=20_000), seed)
         assert found.solved and found.counters.projections == 0
         verdict = judge.verify(found.path, start, goal)
         assert verdict.passed, verdict.message

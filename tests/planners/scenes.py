@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pipeline.manifolds import Adherence
-from pipeline.planners import FmtStar, Planner, PlanResult, Problem, Rrt, RrtConnect, Termination
+from pipeline.planners import FmtStar, Planner, PlanResult, Query, Rrt, RrtConnect, Termination
 from pipeline.robots import Obstacle
 from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import sphere_space
@@ -87,7 +87,7 @@ def solve(
     planner: Planner, space: Adherence, scene: Scene, seed: int = 0, max_iterations: int = 5000, **settings
 ) -> PlanResult:
     """Plan with uniform samples until solved or `max_iterations`."""
-    problem = Problem(space, scene.start, scene.goal)
+    problem = Query(space, scene.start, scene.goal)
     return planner.plan(problem, UniformSampler(**settings), Termination(max_iterations=max_iterations), seed)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.manifolds import Stop
-from pipeline.planners import FmtStar, PlanStatus, Problem, Rrt, RrtConnect, Termination
+from pipeline.planners import FmtStar, PlanStatus, Query, Rrt, RrtConnect, Termination
 from pipeline.planners.dynamic_domain import DynamicDomainRrtConnect
 from pipeline.planners.tree import Tree
 from pipeline.samplers import UniformSampler
@@ -29,7 +29,7 @@ def walled(method):
 def test_any_start_will_do(planner, method):
     """With the first start walled in, the path begins at the other one."""
     other = np.array([0.0, -1.0, 0.0])
-    problem = Problem(walled(method), EQUATOR, POLE, starts=other[None])
+    problem = Query(walled(method), [EQUATOR, other], POLE)
     result = planner.plan(problem, UniformSampler(), Termination(max_iterations=20_000), 0)
     assert result.solved
     np.testing.assert_array_equal(result.path[[0, -1]], [other, POLE])
@@ -40,20 +40,20 @@ def test_any_goal_will_do(method):
     """With the first goal walled in, the path ends at the other one."""
     space = walled(method)
     other = np.array([0.0, -1.0, 0.0])
-    problem = Problem(space, POLE, EQUATOR, others=other[None])
+    problem = Query(space, POLE, [EQUATOR, other])
     result = RrtConnect().plan(problem, UniformSampler(), LIMIT, 0)
     assert result.solved
     np.testing.assert_array_equal(result.path[-1], other)
-    alone = RrtConnect().plan(Problem(space, POLE, EQUATOR), UniformSampler(), Termination(max_iterations=200), 0)
+    alone = RrtConnect().plan(Query(space, POLE, EQUATOR), UniformSampler(), Termination(max_iterations=200), 0)
     assert alone.status is PlanStatus.ITERATION_LIMIT
 
 
 def test_every_start_and_goal_is_checked():
     """A further start or goal off the manifold is refused by its number."""
-    problem = Problem(sphere_space("projection"), POLE, EQUATOR, starts=np.array([[0, 2.0, 0]]))
+    problem = Query(sphere_space("projection"), [POLE, [0, 2.0, 0]], EQUATOR)
     with pytest.raises(ProblemError, match="start 2"):
         RrtConnect().plan(problem, UniformSampler(), LIMIT, 0)
-    problem = Problem(sphere_space("projection"), POLE, EQUATOR, others=np.array([[0, 1, 0], [0, 2.0, 0]]))
+    problem = Query(sphere_space("projection"), POLE, [EQUATOR, [0, 1, 0], [0, 2.0, 0]])
     with pytest.raises(ProblemError, match="goal 3"):
         RrtConnect().plan(problem, UniformSampler(), LIMIT, 0)
 
@@ -61,11 +61,11 @@ def test_every_start_and_goal_is_checked():
 @pytest.mark.parametrize("method", METHODS)
 def test_direct_walk_needs_no_sample(method):
     """Where the walk from start to goal is free, a direct search takes no sample; where it is not, it searches on."""
-    free = RrtConnect(direct=True).plan(Problem(sphere_space(method), POLE, EQUATOR), UniformSampler(), LIMIT, 0)
+    free = RrtConnect(direct=True).plan(Query(sphere_space(method), POLE, EQUATOR), UniformSampler(), LIMIT, 0)
     assert free.solved and free.counters.samples == 0 and free.counters.traversals == 1
     middle = (POLE + EQUATOR) / np.sqrt(2)
     space = sphere_space(method, [block(middle, (0.3, 0.3, 0.3))])
-    blocked = RrtConnect(direct=True).plan(Problem(space, POLE, EQUATOR), UniformSampler(), LIMIT, 0)
+    blocked = RrtConnect(direct=True).plan(Query(space, POLE, EQUATOR), UniformSampler(), LIMIT, 0)
     assert blocked.solved and blocked.counters.samples > 0
 
 
@@ -105,7 +105,7 @@ def test_searches_with_directions_are_sound(planner, method):
     space = space_of(method, s)
     for seed in range(3):
         result = planner.plan(
-            Problem(space, s.start, s.goal), UniformSampler(directions=True), Termination(max_iterations=5000), seed
+            Query(space, s.start, s.goal), UniformSampler(directions=True), Termination(max_iterations=5000), seed
         )
         assert result.solved
         assert_sound(result.path, s)
@@ -132,7 +132,7 @@ def test_outward_needs_no_samples():
     """A search by outward extensions alone asks for no sample; a share that is none is refused."""
     s = plated()
     result = RrtConnect(outward=1.0).plan(
-        Problem(space_of("projection", s), s.start, s.goal), UniformSampler(), Termination(max_iterations=5000), 0
+        Query(space_of("projection", s), s.start, s.goal), UniformSampler(), Termination(max_iterations=5000), 0
     )
     assert result.solved and result.counters.samples == 0 and result.iterations > 1
     for bad, message in (({"outward": 1.5}, "outward is 1.5"), ({"outward_distance": 0.0}, "outward_distance is 0")):
@@ -145,7 +145,7 @@ def test_outward_needs_no_samples():
 def test_fmt_refuses_directions():
     """FMT* connects its samples: directions are refused before it begins."""
     with pytest.raises(ConfigError, match="draws from the manifold"):
-        FmtStar().plan(Problem(sphere_space("projection"), POLE, EQUATOR), UniformSampler(directions=True), LIMIT, 0)
+        FmtStar().plan(Query(sphere_space("projection"), POLE, EQUATOR), UniformSampler(directions=True), LIMIT, 0)
 
 
 def test_coarse_walks_are_refined():
@@ -157,9 +157,7 @@ def test_coarse_walks_are_refined():
     s = Scene(start, goal, tuple(o for o in walls if ball_clearance([o], np.stack([start, goal])).min() > 0.02))
     space, repairs = space_of("projection", s, resolution=0.05, refinement=0.005, margin=0.004), 0
     for seed in range(6):
-        result = RrtConnect().plan(
-            Problem(space, start, goal), UniformSampler(), Termination(max_iterations=5000), seed
-        )
+        result = RrtConnect().plan(Query(space, start, goal), UniformSampler(), Termination(max_iterations=5000), seed)
         assert result.solved
         repairs += result.counters.repairs
         share = np.linspace(0, 1, 20)[:, None, None]

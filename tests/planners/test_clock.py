@@ -10,7 +10,7 @@ from pipeline.constraints.inverse import InverseKinematics
 from pipeline.constraints.targets import with_values
 from pipeline.errors import ConfigError
 from pipeline.manifolds import AdherenceParameters, AtlasParameters, Deadline, OutOfTime
-from pipeline.planners import PLANNERS, FmtStar, PlanStatus, Problem, RrtConnect, Termination, path_length, shortcut
+from pipeline.planners import PLANNERS, FmtStar, PlanStatus, Query, RrtConnect, Termination, path_length, shortcut
 from pipeline.planners.ompl_adapter import OmplPlanner
 from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import METHODS, sphere_space
@@ -37,7 +37,7 @@ class Ticking:
 @pytest.mark.parametrize("limits", [{"max_iterations": 50}, {"time_limit": 0.1}])
 def test_a_cost_out_of_reach_ends_where_the_way_is_straight(kind, limits):
     """With `direct`, whose path costs no iteration, a path that is never short enough ends the search at its limit."""
-    problem = Problem(sphere_space("projection"), START, GOAL)
+    problem = Query(sphere_space("projection"), START, GOAL)
     for direct in (False, True):
         termination = Termination(**limits, cost_below=0.1)
         result = PLANNERS[kind](direct=direct).plan(problem, UniformSampler(), termination, 0)
@@ -50,7 +50,7 @@ def test_a_cost_out_of_reach_ends_where_the_way_is_straight(kind, limits):
 def test_no_plan_works_on_when_its_time_is_over(kind, method, monkeypatch):
     """Among limits of up to 200 looks at the clock, each ends its plan at most a few looks later, unsolved."""
     space = space_of(method, CLOSED)
-    planner, problem = PLANNERS[kind](), Problem(space, CLOSED.start, CLOSED.goal)
+    planner, problem = PLANNERS[kind](), Query(space, CLOSED.start, CLOSED.goal)
     for limit in (1, 2, 3, 5, 10, 30, 60, 200):
         clock = Ticking(monkeypatch)
         result = planner.plan(problem, UniformSampler(), Termination(time_limit=float(limit)), 0)
@@ -139,7 +139,7 @@ def test_ompl_asks_for_nothing_more_when_its_time_is_over(planner, space, monkey
         return counting
 
     begun, ended = False, 0.0
-    problem = Problem(ours, CLOSED.start, CLOSED.goal)
+    problem = Query(ours, CLOSED.start, CLOSED.goal)
     problem.check()
     monkeypatch.setattr(problem.adherence.constraint, "value", counted(ours.constraint.value))
     begun, ended = True, clock.looks + limit + 3

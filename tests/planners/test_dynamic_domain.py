@@ -6,7 +6,7 @@ import pytest
 from pipeline.environments.torus import Mazes
 from pipeline.errors import ConfigError
 from pipeline.manifolds import make_adherence
-from pipeline.planners import DynamicDomainRrtConnect, PlanStatus, Problem, RrtConnect, Termination
+from pipeline.planners import DynamicDomainRrtConnect, PlanStatus, Query, RrtConnect, Termination
 from pipeline.planners.dynamic_domain import _Domains
 from pipeline.samplers import UniformSampler
 from pipeline.schema import Choice
@@ -31,12 +31,12 @@ def test_domains_learn():
     assert np.isinf(domains.of(nodes)).all()
 
 
-def asked(rows: int, columns: int, seed: int, method: str = "projection") -> Problem:
+def asked(rows: int, columns: int, seed: int, method: str = "projection") -> Query:
     """A maze whose walks cut no corner."""
     task = build(Mazes(rows, columns).task(5, seed).leg)
     margin = 0.25 * task.conditions[0].pixel_size
     choice = Choice(method, {"step": max(0.05, 2 * margin), "resolution": 2 * margin})
-    return Problem(make_adherence(choice, task.constraint, task.validity(margin)), task.start, task.goal)
+    return Query(make_adherence(choice, task.constraint, task.validity(margin)), task.start, task.goal)
 
 
 def verified(rows: int, columns: int, seed: int, path: np.ndarray) -> bool:

@@ -13,7 +13,7 @@ import pytest
 from pipeline.constraints import Constraint, sphere_constraint
 from pipeline.errors import ConfigError, ProblemError
 from pipeline.manifolds import AdherenceParameters, ProjectionAdherence, joined
-from pipeline.planners import Planner, PlanStatus, Problem, Termination, path_length
+from pipeline.planners import Planner, PlanStatus, Query, Termination, path_length
 from pipeline.planners.ompl_adapter import OmplParameters, OmplPlanner, available_planners
 from pipeline.robots import Obstacle, Shape, Validity, point_robot
 from pipeline.spec.statement import OnSphere, Point, Statement
@@ -34,18 +34,18 @@ def wall(gap: float = 0.5) -> list[Obstacle]:
     return [Obstacle(Shape.BOX, (*centre, 0.0), upright, (*extent, 0.2)) for centre, extent in boxes]
 
 
-def problem(obstacles=(), margin: float = 0.01, lower=-1.5, upper=1.5, start=SOUTH, goal=NORTH) -> Problem:
+def problem(obstacles=(), margin: float = 0.01, lower=-1.5, upper=1.5, start=SOUTH, goal=NORTH) -> Query:
     robot = point_robot(0.01, [lower] * 3, [upper] * 3)
     constraint = sphere_constraint(robot, "point")
     adherence = ProjectionAdherence(constraint, Validity(robot, obstacles, margin), AdherenceParameters())
-    return Problem(adherence, start, goal)
+    return Query(adherence, start, goal)
 
 
 def planner(name: str = "RRTConnect", space: str = "projection", override: bool = False, **options) -> OmplPlanner:
     return OmplPlanner(name, space, OmplParameters(project_override=override, **options))
 
 
-def assert_sound(path: np.ndarray, scene: Problem, obstacles) -> None:
+def assert_sound(path: np.ndarray, scene: Query, obstacles) -> None:
     robot = scene.adherence.validity.robot
     point = Point(0.01, tuple(robot.lower), tuple(robot.upper))
     statement = Statement(point, (OnSphere("point", 1.0),), 1e-3, tuple(obstacles))
@@ -167,7 +167,7 @@ def test_singular_start_is_a_failure():
     q = ca.SX.sym("q", 3)
     robot = point_robot(0.01, [-1.5] * 3, [1.5] * 3)
     cone = Constraint("cone", q, q[2] ** 2 - q[0] ** 2 - q[1] ** 2)
-    scene = Problem(
+    scene = Query(
         ProjectionAdherence(cone, Validity(robot, ()), AdherenceParameters()), np.zeros(3), np.array([1.0, 0, 1])
     )
     for space in ("atlas", "tangent_bundle"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pipeline.planners import FmtStar, PlanStatus, Problem, Rrt, RrtConnect, Termination, path_length
+from pipeline.planners import FmtStar, PlanStatus, Query, Rrt, RrtConnect, Termination, path_length
 from pipeline.planners.fmt import _Wave
 from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import METHODS, sphere_space
@@ -71,7 +71,7 @@ def test_same_seed_same_path(planner, method):
 def test_time_limit(planner):
     """A search without end stops at its time limit, or not much after, and says so."""
     s = UNSOLVABLE[0]
-    problem = Problem(space_of("projection", s), s.start, s.goal)
+    problem = Query(space_of("projection", s), s.start, s.goal)
     result = PLANNERS[planner].plan(problem, UniformSampler(), Termination(time_limit=0.15), 0)
     assert result.status is PlanStatus.TIME_LIMIT and not result.solved
     assert 0.15 <= result.planning_time < 0.65 and result.iterations > 0
@@ -81,7 +81,7 @@ def test_time_limit(planner):
 def test_first_of_two_limits(planner):
     """Of a time limit and an iteration limit the first to be reached ends the search."""
     s = UNSOLVABLE[0]
-    problem = Problem(space_of("projection", s), s.start, s.goal)
+    problem = Query(space_of("projection", s), s.start, s.goal)
     result = PLANNERS[planner].plan(problem, UniformSampler(), Termination(time_limit=60, max_iterations=5), 0)
     assert result.status is PlanStatus.ITERATION_LIMIT and result.iterations == 5
 
@@ -93,7 +93,7 @@ def test_cost_bound(planner):
     wall = block(np.array([0.5, -0.1, 0.8]) / np.linalg.norm([0.5, -0.1, 0.8]), (0.6, 0.6, 0.4))
     s = Scene(start, goal, (wall,))
     space = space_of("projection", s)
-    problem = Problem(space, start, goal)
+    problem = Query(space, start, goal)
     firsts = [solve(PLANNERS[planner], space, s, seed) for seed in range(8)]
     lengths = [path_length(result.path) for result in firsts]
     seed = int(np.argmax(lengths))
@@ -114,7 +114,7 @@ def test_cost_bound_out_of_reach(planner):
     space = space_of("projection", s)
     first = solve(PLANNERS[planner], space, s)
     limits = Termination(max_iterations=first.iterations + 400, cost_below=0.5 * np.linalg.norm(goal - start))
-    result = PLANNERS[planner].plan(Problem(space, start, goal), UniformSampler(), limits, 0)
+    result = PLANNERS[planner].plan(Query(space, start, goal), UniformSampler(), limits, 0)
     assert result.solved and result.iterations == first.iterations + 400
     assert path_length(result.path) <= path_length(first.path)
 
@@ -178,7 +178,7 @@ def test_informed_samplers_are_asked_from_the_tree(planner):
     """A sampler that wants them is given K free configurations to go on from, on the sphere, and targets to go to."""
     s, sampler = SOLVABLE[2], Recorder(batch=16)
     space = space_of("projection", s)
-    result = planner.plan(Problem(space, s.start, s.goal, "key"), sampler, Termination(max_iterations=3000), 0)
+    result = planner.plan(Query(space, s.start, s.goal, "key"), sampler, Termination(max_iterations=3000), 0)
     assert result.solved and sampler.asked.scene == "key"
     assert_sound(result.path, s)
     if isinstance(planner, FmtStar):  # the sampler covers the manifold by itself, which was enough
@@ -209,7 +209,7 @@ def test_classical_late_samples_come_many_at_a_time(informed, monkeypatch):
 
     monkeypatch.setattr(_Wave, "extend", counting)
     planner = FmtStar(samples=5, radius_multiplier=0.4, late=1.5)
-    assert planner.plan(Problem(space, s.start, s.goal), sampler, Termination(max_iterations=3000), 0).solved
+    assert planner.plan(Query(space, s.start, s.goal), sampler, Termination(max_iterations=3000), 0).solved
     asked = [len(current) for current, _ in sampler.pairs][-len(counts) :]
     assert len(counts) > 1 and given == np.diff([*counts, counts[-1] + given[-1]]).tolist()
     most = [min(int(1.5 * count), 120 // width) for count, width in zip(counts, widths, strict=True)]
@@ -221,7 +221,7 @@ def test_rrtconnect_asks_in_turn():
     """RRTConnect's moving start and target change places at every iteration (Algorithm 7)."""
     s, sampler = UNSOLVABLE[1], Recorder()
     space = space_of("projection", s)
-    RrtConnect().plan(Problem(space, s.start, s.goal), sampler, Termination(max_iterations=3), 0)
+    RrtConnect().plan(Query(space, s.start, s.goal), sampler, Termination(max_iterations=3), 0)
     (first, second), (third, fourth) = sampler.pairs[:2]
     np.testing.assert_array_equal([first[0], second[0]], [s.start, s.goal])
     np.testing.assert_array_equal(third[0], s.goal)

@@ -13,7 +13,7 @@ from pipeline.planners import (
     DynamicDomainRrtConnect,
     FmtStar,
     PlanResult,
-    Problem,
+    Query,
     RrtConnect,
     Termination,
     path_length,
@@ -53,7 +53,7 @@ def crane(folder: Path, method: str, obstacles: tuple[Obstacle, ...] = (), **set
 
 def planned(space: Adherence, kind: str, start: np.ndarray, goal: np.ndarray, seed: int = 0) -> PlanResult:
     """Plan from start to goal, both configurations (3,)."""
-    return SEARCHES[kind].plan(Problem(space, start, goal), UniformSampler(), Termination(max_iterations=5000), seed)
+    return SEARCHES[kind].plan(Query(space, start, goal), UniformSampler(), Termination(max_iterations=5000), seed)
 
 
 def assert_sound(
@@ -161,7 +161,7 @@ def test_a_constraint_may_tell_turns_apart(tmp_path):
     assert turns_on(Constraint("half", q, ca.sin(q[1] - q[0] / 2)), robot).mask.tolist() == [False, True, False]
     space = make("projection", geared, Validity(robot, []))
     start, goal = np.array([3.0, 1.0, 0.0]), np.array([-3.0, -1.0, 0.0])
-    path = RrtConnect().plan(Problem(space, start, goal), UniformSampler(), Termination(max_iterations=500), 0).path
+    path = RrtConnect().plan(Query(space, start, goal), UniformSampler(), Termination(max_iterations=500), 0).path
     np.testing.assert_array_equal(path[-1], goal)
 
 
@@ -170,7 +170,7 @@ def test_ompl_gets_the_goal_at_its_nearest_turn(space, tmp_path):
     """OMPL, which plans in R^n, crosses half a turn as well."""
     ours = crane(tmp_path, space.replace("_", " "), (POST,))
     start, goal = np.array([2.6, 0.3, 0.0]), np.array([-2.5 - TURN, -0.8, 0.0])
-    result = OmplPlanner("RRTConnect", space).plan(Problem(ours, start, goal), Termination(time_limit=20.0), 1)
+    result = OmplPlanner("RRTConnect", space).plan(Query(ours, start, goal), Termination(time_limit=20.0), 1)
     assert result.solved
     np.testing.assert_allclose(result.path[-1], goal + TURN * np.array([2, 0, 0]), atol=1e-9)
 
@@ -188,7 +188,7 @@ def test_an_arm_of_continuous_joints(kind):
     goal = constraint.project(goal).q
     assert space.validity.free(q) and space.validity.free(goal)
     planner = FmtStar(samples=200) if kind == "fmt" else RrtConnect(direct=True)
-    result = planner.plan(Problem(space, q, goal), UniformSampler(), Termination(max_iterations=2000), 0)
+    result = planner.plan(Query(space, q, goal), UniformSampler(), Termination(max_iterations=2000), 0)
     assert result.solved
     path = shortcut(space, result.path, np.random.default_rng(0), 100)
     level = OnPlane(robot.tool, (0.0, 0.0, 1.0), float(robot.pose(q, robot.tool).translation[2]))

@@ -203,7 +203,7 @@ def test_a_start_is_several_configurations(monkeypatch):
 
     monkeypatch.setattr(RrtConnect, "plan", seen)
     found = solve(solution(next(p for p in EXAMPLES if p.stem == "own_robot_ur5")).file)
-    starts = np.stack(asked[0].all_starts)
+    starts = asked[0].starts
     np.testing.assert_array_equal(starts, found.built.starts)
     assert len(starts) == found.summary()["starts"] > 1 and (starts == found.path[0]).all(axis=1).any()
     monkeypatch.setattr(Adherence, "provable", lambda self, q: not np.array_equal(q, found.path[0]))

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.constraints import Constraint
 from pipeline.errors import ConfigError, ProblemError
-from pipeline.planners import Clock, FmtStar, PlanStatus, Problem, Rrt, RrtConnect, Termination
+from pipeline.planners import Clock, FmtStar, PlanStatus, Query, Rrt, RrtConnect, Termination
 from pipeline.robots import Validity
 from pipeline.samplers import UniformSampler
 from tests.manifolds.spaces import CHARTED, make, sphere_space
@@ -26,7 +26,7 @@ def blocked():
     "bad, said",
     [
         (np.array([1.0, 0.0]), "has shape (2,), the robot has 3 joints"),
-        (np.array([[1.0, 0.0, 0.0]]), "has shape (1, 3), the robot has 3 joints"),
+        (np.array([[[1.0, 0.0, 0.0]]]), "has shape (1, 3), the robot has 3 joints"),
         (np.array([1.0, np.nan, 0.0]), "is not finite: [1.0, nan, 0.0]"),
         (np.array([np.inf, 0.0, 0.0]), "is not finite: [inf, 0.0, 0.0]"),
         (np.array([0.6, 0.8, 0.0]), ": joint y is 0.8, outside its limits [-1.5, 0.5]"),
@@ -44,15 +44,22 @@ def test_invalid_ends_are_refused(planner, bad, said):
     """A start or goal of the wrong size, undefined, out of bounds, off the manifold or in collision is refused."""
     for ends, name in (((bad, GOOD), "start"), ((GOOD, bad), "goal")):
         with pytest.raises(ProblemError, match=re.escape(f"{name}{said if said[0] == ':' else ' ' + said}")):
-            planner.plan(Problem(blocked(), *ends), UniformSampler(), Termination(max_iterations=1), 0)
+            planner.plan(Query(blocked(), *ends), UniformSampler(), Termination(max_iterations=1), 0)
+
+
+def test_no_start_or_goal_is_refused():
+    """A query without a start, or without a goal, is refused by name."""
+    for ends, name in (((np.empty((0, 3)), GOOD), "start"), ((GOOD, np.empty((0, 3))), "goal")):
+        with pytest.raises(ProblemError, match=f"there is no {name}"):
+            Query(blocked(), *ends).check()
 
 
 def test_good_ends_pass():
     """Ends on the limits, within the tolerance and at the margin are accepted."""
     edge = np.array([0.0, 0.5, -np.sqrt(0.75)])
-    Problem(blocked(), np.array([1.0009, 0.0, 0.0]), edge).check()
+    Query(blocked(), np.array([1.0009, 0.0, 0.0]), edge).check()
     near = np.array([0.108, 0.0, np.sqrt(1 - 0.108**2)])
-    Problem(blocked(), near, GOOD).check()
+    Query(blocked(), near, GOOD).check()
 
 
 def test_termination_needs_a_limit():
@@ -111,6 +118,6 @@ def test_ends_without_a_chart_are_a_failure_not_an_error(planner, method):
     """Where neither start nor goal has a tangent space, nothing can be sampled: the search ends at its limit."""
     q = ca.SX.sym("q", 3)
     cross = Constraint("cross", q, q[0] * q[1])  # two planes; no rank along the z axis
-    problem = Problem(make(method, cross, Validity(ball(), [])), np.zeros(3), np.array([0.0, 0.0, 0.5]))
+    problem = Query(make(method, cross, Validity(ball(), [])), np.zeros(3), np.array([0.0, 0.0, 0.5]))
     result = planner.plan(problem, UniformSampler(), Termination(max_iterations=50), 0)
     assert result.status is PlanStatus.ITERATION_LIMIT and result.counters.charts == 0
