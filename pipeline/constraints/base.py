@@ -82,7 +82,7 @@ class Constraint:
         if max_iterations < 1:
             raise ConstraintError(f"constraint {name!r} has {max_iterations} iterations; it needs at least 1")
         numbers = numbers or Numbers()
-        self.numbers = numbers.values
+        self.numbers, self.said = numbers.values, numbers.said
         self.structure = structure_of(q, expression, numbers.symbols, f"constraint {name!r}")
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self._machine: bool | None = False
@@ -107,7 +107,7 @@ class Constraint:
 
     def rows(self, q: ca.SX, numbers: Numbers) -> ca.SX:
         """Return F as an expression (k, 1) of q (n,), for an expression that takes `numbers` as arguments."""
-        return self.structure.rows_with(q, numbers.arguments(self.numbers))
+        return self.structure.rows_with(q, numbers.arguments(self.numbers, self.said))
 
     def newton(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return F and the next iterate q - J^+ F (Algorithm 1, line 6) as expressions of q and the structure's p."""

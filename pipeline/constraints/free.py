@@ -23,7 +23,7 @@ class Unconstrained(Constraint):
     def __init__(self, variables: int, tolerance: float = 1e-3) -> None:
         self.name, self.labels = "free space", ()
         self.n, self.k, self.tolerance, self.max_iterations = variables, 0, tolerance, 1
-        self.numbers = np.empty(0)
+        self.numbers = self.said = np.empty(0)
 
     @property
     def block(self) -> int:

@@ -39,6 +39,8 @@ class Codec:
         for name, bound in (("lower", -np.pi), ("upper", np.pi)):
             limits = zip(getattr(self, name), turning, strict=True)
             object.__setattr__(self, name, tuple(bound if turns else float(value) for value, turns in limits))
+        if not isinstance(self.centre, bool):
+            raise ConfigError(f"centre is {self.centre!r}; it must be true or false")
         if not all(-np.inf < low < high < np.inf for low, high in zip(self.lower, self.upper, strict=True)):
             raise ConfigError(f"limits {self.lower} to {self.upper} do not normalise: finite, lower below upper")
 

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from pipeline.atomic import atomic_file
-from pipeline.errors import ArtifactError
+from pipeline.errors import ArtifactError, shown
 from pipeline.files import VERSION, require_file
 
 SCHEMA = "model"
@@ -45,20 +45,34 @@ def load_weights(path: Path, kind: str) -> dict[str, Any]:
         ArtifactError: the file is missing, truncated, foreign, of another version or kind, or weights are not finite.
     """
     content = read_tensors(path)
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else None
-        raise ArtifactError(f"{path} holds schema {found or 'none'!r}, expected {SCHEMA!r}")
-    if content.get("version") != VERSION:
-        raise ArtifactError(f"{path} has version {content.get('version')!r} of {SCHEMA!r}, this code reads {VERSION}")
-    if content.get("kind") != kind:
-        raise ArtifactError(f"{path} holds a model of kind {content.get('kind')!r}, expected {kind!r}")
+    found = content.get("schema") if isinstance(content, dict) else None
+    if not isinstance(found, str) or found != SCHEMA:
+        said = found if isinstance(found, str) else "none"
+        raise ArtifactError(f"{path} holds schema {said!r}, expected {SCHEMA!r}")
+    for name, expected in (("version", VERSION), ("kind", kind)):
+        found = content.get(name)
+        if type(found) is not type(expected) or found != expected:
+            raise ArtifactError(f"{path} has {name} {shown(found)} of {SCHEMA!r}, this code reads {expected!r}")
     weights = content.get("weights")
-    if not isinstance(weights, dict) or not all(isinstance(value, torch.Tensor) for value in weights.values()):
+    if not isinstance(weights, dict) or not all(isinstance(name, str) for name in weights):
         raise ArtifactError(f"{path} holds no weights")
     for name, value in weights.items():
+        if not _plain(value):
+            raise ArtifactError(f"{path}: weights {name!r} are no plain tensor of single precision; train again")
         if not torch.isfinite(value).all():
             raise ArtifactError(f"{path}: weights {name!r} are not all finite; train again")
     return content
+
+
+def _plain(value: Any) -> bool:
+    """Tell whether a value is a tensor whose numbers are all in the file: not one number that stands for many."""
+    return (
+        isinstance(value, torch.Tensor)
+        and value.layout is torch.strided
+        and value.dtype is torch.float32
+        and not value.is_meta
+        and value.is_contiguous()
+    )
 
 
 def with_weights(build: Any, weights: Mapping[str, torch.Tensor]) -> Any:

@@ -19,6 +19,7 @@ class Numbers:
     def __init__(self) -> None:
         self._symbols: list[ca.SX] = []
         self._values: list[float] = []
+        self._said: list[float] = []
 
     def __call__(self, values: np.ndarray | float) -> ca.SX:
         """Return numbers, a scalar, vector (r,) or matrix (r, c), as an expression of the same shape."""
@@ -26,6 +27,7 @@ class Numbers:
         array = array[:, None] if array.ndim == 1 else array
         found = ca.SX(*array.shape)
         for place, value in np.ndenumerate(array):
+            self._said.append(float(value))
             if value in _KEPT:
                 if value:
                     found[place] = value
@@ -38,8 +40,14 @@ class Numbers:
         rotation, position = (np.round(part, DECIMALS) for part in (placement.rotation, placement.translation))
         return Pose(self(rotation), self(position))
 
-    def arguments(self, values: np.ndarray) -> ca.SX:
-        """Return as many arguments as there are values (m,), whatever these are."""
+    def arguments(self, values: np.ndarray, said: np.ndarray | None = None) -> ca.SX:
+        """Return as many arguments as there are values (m,), whatever these are.
+
+        Args:
+            values: of the arguments.
+            said: what `said` was where they come from; None where all of them are arguments.
+        """
+        self._said += (values if said is None else said).tolist()
         return ca.vertcat(*(self._symbol(value) for value in values.tolist()))
 
     @property
@@ -51,6 +59,14 @@ class Numbers:
     def values(self) -> np.ndarray:
         """Their values (p,)."""
         return np.array(self._values)
+
+    @property
+    def said(self) -> np.ndarray:
+        """All numbers that were given, in their order (s,), those that stayed constants among them.
+
+        Where expressions are made in the same way, tasks whose numbers are equal here are equal.
+        """
+        return np.array(self._said)
 
     def _symbol(self, value: float) -> ca.SX:
         symbol = ca.SX.sym(f"p{len(self._values)}")

@@ -12,7 +12,7 @@ SMALL = NetworkParameters(
     width=3, grid=13, scene_hidden=9, scene_code=7, hidden=(24, 16, 8), dropout=0.5, dropout_layers=2
 )
 LIMITS = Codec((-1.0, -2.0, 0.5), (1.0, 3.0, 1.5))
-KINDS = (TaskKind(("x", "y", "z"), ("row",), LIMITS),)
+KINDS = (TaskKind(("x", "y", "z"), ("row",), "", LIMITS),)
 
 
 def make_pairs(count: int, scenes: list[int], seed: int) -> Pairs:

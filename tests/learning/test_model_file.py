@@ -96,16 +96,27 @@ def test_foreign(model, tmp_path):
             load_model(other)
     (kind,) = stored["kinds"]
     two = {"lower": [0.0, 0.0], "upper": [1.0, 1.0], "turning": [False, False], "centre": False}
-    for wrong in ({**kind, "codec": two}, {**kind, "codec": {}}, {**kind, "joints": 3}, {"rows": []}):
+    said, word = {"lower": [1.0], "upper": [0.0]}, {**kind["codec"], "centre": "no"}
+    changes = (said, {"codec": word}, {"codec": two}, {"codec": {}}, {"joints": ["x"]}, {"joints": 3})
+    for wrong in (*({**kind, **change} for change in changes), {"rows": []}):
         edited(path, other, kinds=[wrong])
         with pytest.raises(ArtifactError, match="does not fit"):
             load_model(other)
     edited(path, other, kind="another")
-    with pytest.raises(ArtifactError, match="kind 'another', expected 'compnetx'"):
+    with pytest.raises(ArtifactError, match=r"kind 'another'.*reads 'compnetx'"):
         load_model(other)
-    edited(path, other, weights=3)
-    with pytest.raises(ArtifactError, match="no weights"):
-        load_model(other)
+    for wrong in (3, {1: weight}):
+        edited(path, other, weights=wrong)
+        with pytest.raises(ArtifactError, match="no weights"):
+            load_model(other)
+    for wrong in (weight.double(), weight.to_sparse(), torch.zeros(1).expand(weight.shape), 3.0, weight.to("meta")):
+        edited(path, other, weights={**stored["weights"], name: wrong})
+        with pytest.raises(ArtifactError, match=r"no plain tensor|does not fit|truncated or foreign"):
+            load_model(other)
+    for key in ("schema", "version", "kind"):
+        edited(path, other, **{key: torch.ones(2)})
+        with pytest.raises(ArtifactError, match=key):
+            load_model(other)
 
 
 class Trojan:

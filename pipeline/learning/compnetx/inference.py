@@ -62,10 +62,12 @@ class _Encoded(NamedTuple):
     Attributes:
         ends: of its kind.
         bias: of the first layer, with the encoding (hidden[0],).
+        voxels: that were encoded.
     """
 
     ends: _Ends
     bias: np.ndarray
+    voxels: np.ndarray
 
 
 class CompnetxNetwork:
@@ -104,12 +106,12 @@ class CompnetxNetwork:
         self._dropped = [slice(begin, end) for begin, end in pairwise(ends)]
         self._scenes: dict[Hashable, _Encoded] = {}
 
-    def knows(self, key: Hashable) -> bool:
-        """Tell whether a key was encoded."""
-        return key in self._scenes
+    def knows(self, key: Hashable, voxels: np.ndarray) -> bool:
+        """Tell whether a key was encoded with this very grid."""
+        return key in self._scenes and self._scenes[key].voxels is voxels
 
     def encode(self, key: Hashable, voxels: np.ndarray, task: np.ndarray | None = None, kind: int = 0) -> None:
-        """Encode a scene and task once; a key that is known already costs nothing.
+        """Encode a scene and task once; a key that is known already, with the same grid, costs nothing.
 
         Args:
             key: to sample by.
@@ -120,7 +122,7 @@ class CompnetxNetwork:
         Raises:
             ArtifactError: the grid or the task does not fit the network.
         """
-        if key in self._scenes:
+        if self.knows(key, voxels):
             return
         side, size = self.parameters.grid, self.parameters.task_input
         if voxels.shape != (side, side, side):
@@ -131,7 +133,8 @@ class CompnetxNetwork:
             described = None if task is None or not size else torch.as_tensor(task, dtype=torch.float32)[None]
             code = self.model.network.encode(torch.as_tensor(voxels).float()[None], described)[0]  # (code,)
         ends = self._ends[kind]
-        self._scenes[key] = _Encoded(ends, (ends.bias + code.double().numpy() @ self._code_weight).astype(np.float32))
+        bias = (ends.bias + code.double().numpy() @ self._code_weight).astype(np.float32)
+        self._scenes[key] = _Encoded(ends, bias, voxels)
 
     def sample(self, key: Hashable, current: np.ndarray, target: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return K proposals (K, n) [rad or m], near the manifold but not on it, and not held within the limits.

@@ -62,14 +62,16 @@ def train_compnetx(
         scratch: see `train`.
 
     Raises:
-        ArtifactError: no demonstration of a validation scene was solved.
+        ArtifactError: no demonstration of a validation scene was solved, or scenes, voxels and paths do not belong
+            together.
         ConfigError: data that no network can be trained on.
     """
     paths = paths[paths["solved"]]
     held_out = sorted(set(paths[paths["split"] == Split.VALIDATION.value]["scene"]))
     if not held_out:
         raise ArtifactError("no validation scene has a solved demonstration: nothing to choose a checkpoint by")
-    names = [name for name in voxels if scenes[name].split is not Split.TEST]
+    names = [name for name, scene in scenes.items() if scene.split is not Split.TEST]
+    _check(names, voxels, paths)
     setups = [set_up(scenes[name].statement) for name in names]
     kinds = task_kinds([(setup.robot, setup.constraint) for setup in setups], recipe.centre)
     grids = np.stack([voxels[name] for name in names]).astype(bool)
@@ -78,11 +80,24 @@ def train_compnetx(
     pairs = _encoded_pairs(recipe, network, kinds, names, setups, rows, paths)
     data = TrainingData(
         grids,
-        np.stack([task_vector(kinds, row, setup.constraint.numbers) for row, setup in zip(rows, setups, strict=True)]),
+        np.stack([task_vector(kinds, row, setup.constraint.said) for row, setup in zip(rows, setups, strict=True)]),
         np.stack([np.arange(network.width) < kinds[row].codec.size for row in rows]),
         *split_by_scene(pairs, names, held_out),
     )
     return train_network(parameters, network, kinds, data, scratch)
+
+
+def _check(names: Sequence[str], voxels: Mapping[str, np.ndarray], paths: pd.DataFrame) -> None:
+    """Refuse scenes without voxels, grids of several shapes, and paths of scenes that are not there."""
+    missing = sorted(set(names) - set(voxels))
+    if missing:
+        raise ArtifactError(f"there are no voxels of the scenes {missing[:5]} ({len(missing)} in all)")
+    shapes = sorted({voxels[name].shape for name in names})
+    if len(shapes) > 1:
+        raise ArtifactError(f"voxels of scenes have several shapes: {shapes[:5]}")
+    unknown = sorted(set(paths["scene"]) - set(names))
+    if unknown:
+        raise ArtifactError(f"demonstrations are of scenes that are not there: {unknown[:5]} ({len(unknown)} in all)")
 
 
 def train_network(

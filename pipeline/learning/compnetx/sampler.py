@@ -157,11 +157,12 @@ class Proposals(Sampler):
         """Return what the network knows scene and task by; robots and constraints are compared by identity."""
         robot, constraint = self.adherence.validity.robot, self.adherence.constraint
         key = scene, robot, constraint
-        if not self.network.knows(key):
+        voxels = self.voxels[scene]
+        if not self.network.knows(key, voxels):
             kinds = self.network.model.kinds
             kind = kind_of(kinds, robot, constraint)
-            task = task_vector(kinds, kind, constraint.numbers)
-            self.network.encode(key, self.voxels[scene], task, kind)
+            task = task_vector(kinds, kind, constraint.said)
+            self.network.encode(key, voxels, task, kind)
         return key
 
     def _answer(self, current: np.ndarray, target: np.ndarray) -> np.ndarray:
