@@ -36,7 +36,7 @@ def of(family: str) -> tuple[FamilyEnvironment | object, dict[str, Choice]]:
         return SPHERE, {name: load(choice, Choice) for name, choice in config.items()}
     setting = compose(f"family/{family}").family
     robot = None if setting.kind == "maze" else load(setting.robot, Choice)
-    more = {**setting.parameters, "rows": 4, "columns": 6} if setting.kind == "maze" else {}
+    more = {**setting.parameters, "rows": 2, "columns": 4} if setting.kind == "maze" else {}
     environment = FamilyEnvironment(family, setting.kind, robot, 3, setting.margin, setting.self_margin, more)
     adherences = {name: load(choice, Choice) for name, choice in setting.adherences.items()}
     return environment, {
