@@ -132,7 +132,7 @@ def test_what_coal_makes_thicker():
     """A shape with coal's swept sphere radius is refused with its value."""
     shape = coal.Box(0.1, 0.1, 0.1)
     shape.setSweptSphereRadius(0.05)
-    with pytest.raises(RobotError, match="a Box has a swept sphere radius of 0.05 m"):
+    with pytest.raises(RobotError, match=r"a Box has a swept sphere radius of 0\.05 m"):
         capsules(shape)
 
 
