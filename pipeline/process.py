@@ -47,7 +47,11 @@ class Process:
 
 @cache  # a worker keeps modules that it has imported, whatever becomes of their files
 def this_process(packages: tuple[str, ...]) -> Process:
-    """Return what this process ran when it was first asked, with the versions of these packages."""
+    """Return what this process ran when it was first asked, with the versions of these packages.
+
+    Modules that it imports after that from files that have changed since go unnoticed: whoever changes files of a
+    worker starts it again.
+    """
     versions = {**package_versions(packages), "python": platform.python_version()}
     return Process(package_files(), versions, processor(), socket.gethostname())
 

@@ -14,6 +14,7 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.max_iter": _ITERATIONS,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",  # no banner
+    "ipopt.bound_relax_factor": 0.0,  # a bound is one: by default it may be passed by 1e-8 of it
     "print_time": 0,
     "show_eval_warnings": False,  # what is not finite is a failure, which is returned
     "calc_lam_p": False,  # nobody asks for sensitivities
@@ -24,7 +25,7 @@ class Found(NamedTuple):
     """Where a solve ended.
 
     Attributes:
-        q: configuration (n,).
+        q: configuration (n,), within the limits.
         rows: their values there (m,).
         optimal: whether it is a local minimum within the bounds, as far as IPOPT can tell.
     """
@@ -46,6 +47,7 @@ class Ipopt:
         self._n, self._m = structure.n, structure.k - 1
         q, slack, e = (ca.SX.sym(*symbol) for symbol in (("q", self._n), ("slack", self._m), ("e", self._m)))
         rows = structure.rows(q)
+        self._rows = ca.Function("rows", [q, structure.p], [ca.densify(rows[1:, 0])])
         program = {
             "x": ca.vertcat(q, e),
             "p": ca.vertcat(structure.p, slack),
@@ -84,8 +86,8 @@ class Ipopt:
             lbg=bounds[0],
             ubg=bounds[1],
         )
-        x, g = (np.array(end[name]).reshape(-1) for name in ("x", "g"))
-        q, rows = x[: self._n], g + slack * x[self._n :]
+        q = np.clip(np.array(end["x"]).reshape(-1)[: self._n], *limits)
+        rows = np.array(self._rows(q, numbers)).reshape(-1)
         return Found(q, rows, bool(self._solver.stats()["success"]) and bool(np.isfinite([*q, *rows]).all()))
 
 

@@ -13,7 +13,7 @@ from pipeline.constraints.targets import TARGET_TOLERANCE, Target, TargetSet
 from pipeline.errors import ConstraintError
 from pipeline.robots import Numbers, Robot
 
-_SLACK = 0.98  # of what a target set leaves an equation: IPOPT's bounds are off by 1e-8
+_SLACK = 0.98  # of what a target set leaves an equation: IPOPT meets rows to some 1e-8
 
 # What is to be least: an expression of q (n,), of the guess (n,) that a solve begins with, and of numbers.
 Objective = Callable[[ca.SX, ca.SX, Numbers], ca.SX]
@@ -40,7 +40,7 @@ class NonlinearProgram(TargetSet):
         ConstraintError: also for an objective that is no single number, or depends on other symbols.
     """
 
-    inset = 1e-6  # a condition on its bound holds, though IPOPT's bounds are off by 1e-8 [m and rad]
+    inset = 1e-6  # a condition on its bound holds, though IPOPT meets rows to some 1e-8 [m and rad]
 
     def __init__(
         self,
@@ -66,7 +66,10 @@ class NonlinearProgram(TargetSet):
         self._slack = slack, slack / np.sqrt(np.repeat(counts, counts))
 
     def solve(self, guess: np.ndarray, until: float = np.inf) -> np.ndarray | None:
-        """See `TargetSet`; None where IPOPT does not arrive at a local minimum that is in the set."""
+        """See `TargetSet`; None where IPOPT does not arrive at a local minimum that is in the set.
+
+        What is returned is within the limits to the bit, and all that is asked is judged there.
+        """
         limits, bounds = (self.robot.lower, self.robot.upper), (self._lower, self._upper)
         begin, numbers = self._begun(guess), np.concatenate([guess, self._numbers])
         for slack in self._slack:
@@ -75,6 +78,5 @@ class NonlinearProgram(TargetSet):
             if not found.optimal:
                 return None
             if met:
-                q = np.clip(found.q, *limits)
-                return q if all(condition.holds(q) for condition in self.conditions) else None
+                return found.q if all(condition.holds(found.q) for condition in self.conditions) else None
         return None

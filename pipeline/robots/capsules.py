@@ -53,8 +53,14 @@ def capsules(shape: coal.CollisionGeometry) -> tuple[Capsule, ...]:
     Of a mesh or an octree the convex hull is held.
 
     Raises:
-        RobotError: a shape without a surface, such as a half-space.
+        RobotError: a shape without a surface, such as a half-space, or one that coal makes thicker.
     """
+    thicker = shape.getSweptSphereRadius() if isinstance(shape, coal.ShapeBase) else 0.0
+    if thicker:
+        raise RobotError(
+            f"a {type(shape).__name__} has a swept sphere radius of {thicker:g} m, which capsules do not hold; it must "
+            "be 0, and the shape itself as thick as is meant"
+        )
     if isinstance(shape, coal.Sphere):
         return (_along_z(shape.radius, 0.0),)
     if isinstance(shape, coal.Capsule):
@@ -102,7 +108,7 @@ class _Part:
     @cached_property
     def axes(self) -> np.ndarray:
         """The principal axes of the corners as columns (3, 3)."""
-        found: np.ndarray = np.linalg.svd(self.corners - self.corners.mean(axis=0))[2].T
+        found: np.ndarray = np.linalg.svd(self.corners - self.corners.mean(axis=0), full_matrices=False)[2].T
         return found
 
     @cached_property

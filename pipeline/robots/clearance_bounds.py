@@ -20,7 +20,7 @@ from pipeline.robots.obstacles import Obstacle, Shape
 _SMALL = 1e-24  # under a square root: 1e-12 m, so that derivatives exist at 0
 _TINY = 1e-30  # least divisor: segments without a length, lengths that do not change
 _HALVINGS = 6  # of the part of a segment in which its nearest point is, and as many steps along secants
-_STEP = 1e-12  # of what is taken off where that point is not met [m]
+_STEP = 1e-12  # of what is taken off where nearest points are not met, at least one [m]
 
 
 class ClearanceBounds:
@@ -96,10 +96,11 @@ def obstacle_numbers(obstacle: Obstacle) -> np.ndarray:
 
 @cache
 def _segments() -> ca.Function:
-    """Return the function that gives the distance of two segments of their four ends (3, 1).
+    """Return the function that bounds the distance of two segments, of their four ends (3, 1).
 
     The nearest point of either follows from that of the other, clipped to its ends, in turn: first, second, first
-    (Ericson, Real-Time Collision Detection, 5.1.9). Parallel segments may begin anywhere.
+    (Ericson, Real-Time Collision Detection, 5.1.9). Parallel segments may begin anywhere. Of nearly parallel ones the
+    points are not quite the nearest: what counts is the distance of the planes that part the segments there.
     """
     a, b, c, d = (ca.SX.sym(name, 3) for name in "abcd")
     u, v, w = b - a, d - c, a - c
@@ -107,7 +108,11 @@ def _segments() -> ca.Function:
     s = _clipped((uv * vw - uw * vv) / ca.fmax(uu * vv - uv**2, _TINY))
     t = _clipped((uv * s + vw) / ca.fmax(vv, _TINY))
     s = _clipped((uv * t - uw) / ca.fmax(uu, _TINY))
-    return ca.Function("segments", [a, b, c, d], [_length(w + s * u - t * v)])
+    away = w + s * u - t * v
+    distance = _length(away)
+    first, second = ca.dot(away, u) / distance, ca.dot(away, v) / distance
+    nearer = ca.fmax(s * first, (s - 1) * first) + ca.fmax(-t * second, (1 - t) * second)
+    return ca.Function("segments", [a, b, c, d], [_less(distance, nearer)])
 
 
 @cache
@@ -147,11 +152,17 @@ def _to_solid(shape: Shape) -> ca.Function:
     away = x - nearest(x, half)
     distance = _length(away)
     nearer = ca.fmax(ca.fmax(ca.dot(away, x - a), ca.dot(away, x - b)), 0) / distance
-    # In steps, which have no derivative: at the nearest point that of the distance is all.
-    distance = ca.fmax(distance - _STEP * ca.ceil(nearer / _STEP), 0)
     middle = _clipped(-ca.dot(a / half, u / half) / ca.fmax(ca.sumsqr(u / half), _TINY))
-    bound = distance + ca.fmin(depth(a + middle * u, half), 0)
+    bound = _less(distance, nearer) + ca.fmin(depth(a + middle * u, half), 0)
     return ca.Function(f"to_{shape.value}", [a, b, half], [bound])
+
+
+def _less(distance: ca.SX, nearer: ca.SX) -> ca.SX:
+    """Return a distance less how much nearer than its points others may be; both are at least 0 [m].
+
+    In steps, which have no derivative: at the nearest points that of the distance is all.
+    """
+    return ca.fmax(distance - _STEP * (1 + ca.floor(nearer / _STEP)), 0)
 
 
 def _clipped(share: ca.SX) -> ca.SX:

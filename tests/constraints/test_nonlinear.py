@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 from pipeline.constraints import (
+    Constraint,
     TaskSpaceRegion,
     balanced,
     closed_chain,
@@ -34,6 +35,7 @@ from pipeline.robots.model import point_robot
 from tests.robots.named import configurations, named
 
 BOTH = [InverseKinematics, NonlinearProgram]
+PANDA = named("panda")
 INF = np.inf
 DOWN = (0, 0, -1)
 
@@ -110,6 +112,47 @@ def test_nearest_point_of_a_sphere():
         if nearest[2] > 0.5:
             nearest = np.r_[np.sqrt(0.75) * guess[:2] / np.linalg.norm(guess[:2]), 0.5]
         np.testing.assert_allclose(program.solve(guess), nearest, atol=1e-4)
+
+
+def kept(robot, constraint, q) -> bool:
+    """Whether a configuration is within limits and half the tolerance, as target sets promise."""
+    within = ((q >= robot.lower) & (q <= robot.upper)).all()
+    return bool(within) and constraint.satisfied(q) and constraint.distance(q) <= constraint.tolerance / 2
+
+
+@pytest.mark.parametrize("limit", [1.0, 100.0, 1e4])
+def test_ends_on_limits_are_within_the_tolerance(limit):
+    """Where a plane's nearest point is on limits it is found, to tight tolerances too, however large limits are."""
+    robot, q = point_robot(0.01, (-limit,) * 3, (limit,) * 3), ca.SX.sym("q", 3)
+    for tolerance in (1e-3, 1e-5, 1e-7):
+        for total, guess, nearest in ((1.5, (2.0, 0.0, 3.0), (1, 0.5, 1)), (-2.0, (0.0, 0.1, -0.2), (-1, -1, -0.2))):
+            constraint = Constraint("plane", q, q[0] + q[1] - total * limit, tolerance)
+            found = NonlinearProgram(robot, constraint).solve(limit * np.array(guess))
+            assert kept(robot, constraint, found)
+            np.testing.assert_allclose(found, limit * np.array(nearest), atol=1e-3 * limit)
+
+
+def test_tight_tolerances_of_an_arm():
+    """Of an arm, a third of whose solutions are on limits, all are within 1e-8, and nearly every start arrives."""
+    constraint = upright(PANDA, PANDA.tool, direction=DOWN, tolerance=1e-8)
+    found = list(NonlinearProgram(PANDA, constraint).solutions(np.random.default_rng(0), 30))
+    at_limit = [min((q - PANDA.lower).min(), (PANDA.upper - q).min()) < 1e-6 for q in found]
+    assert len(found) > 25 and sum(at_limit) > 5
+    assert all(kept(PANDA, constraint, q) for q in found)
+
+
+def test_what_is_judged_is_what_is_returned(monkeypatch):
+    """Where IPOPT ends beyond a limit, the configuration at the limit is judged: it is on the manifold, or is none."""
+    structure_module.forget()
+    monkeypatch.setitem(ipopt_module._OPTIONS, "ipopt.bound_relax_factor", 1e-3)
+    robot, q = point_robot(0.01, (-1,) * 3, (1,) * 3), ca.SX.sym("q", 3)
+    ends = []
+    for slope in (0.1, 1.0):
+        constraint = Constraint("plane", q, slope * (q[0] - 1) + q[1] - 0.5, tolerance=1e-4)
+        ends.append(NonlinearProgram(robot, constraint).solve(np.array([2.0, 0.5, 0.0])))
+        assert ends[-1] is None or kept(robot, constraint, ends[-1])
+    assert [end is None for end in ends] == [False, True]
+    structure_module.forget()
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
@@ -301,7 +344,6 @@ def test_same_seed_same_configurations():
     assert len(runs[0]) and np.array_equal(*runs)
 
 
-PANDA = named("panda")
 DOWNWARDS = upright(PANDA, PANDA.tool)
 x = ca.SX.sym("x")
 NONSENSE = {

@@ -1,5 +1,7 @@
 """Capsules hold the bodies they are made for, and stand out from them little."""
 
+import tracemalloc
+
 import coal
 import numpy as np
 import pytest
@@ -107,6 +109,31 @@ def test_same_body_same_capsules():
     capsules.__globals__["_around"].cache_clear()
     for one, other in zip(first, capsules(coal.Box(0.4, 0.3, 0.02)), strict=True):
         assert one.ends.tobytes() == other.ends.tobytes() and one.radius == other.radius
+
+
+def test_fine_meshes():
+    """A plate of 10 000 corners has the capsule of the same plate of four, in memory that grows with them only."""
+    turn, size, found = rotation([0.3, -0.5, 0.2, 0.7]), np.array([0.4, 0.1, 0.0]), []
+    for count in (2, 41):
+        steps = np.linspace(-0.5, 0.5, count)
+        points = np.stack([*np.meshgrid(steps, steps, indexing="ij"), np.zeros((count, count))], axis=-1).reshape(-1, 3)
+        plate = coal_mesh((points * size @ turn.T, meshes.grid(count, count, False)))
+        tracemalloc.start()
+        found.append(capsules(plate))
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert most < 1e6 + 1000 * plate.num_vertices  # [bytes]; the squares of 10 000 numbers are 800 MB
+    (few,), (fine,) = found
+    assert fine.radius == pytest.approx(few.radius, rel=1e-3) and fine.volume == pytest.approx(few.volume, rel=1e-3)
+    np.testing.assert_allclose(np.sort(fine.ends, axis=0), np.sort(few.ends, axis=0), atol=1e-3)
+
+
+def test_what_coal_makes_thicker():
+    """A shape with coal's swept sphere radius is refused with its value."""
+    shape = coal.Box(0.1, 0.1, 0.1)
+    shape.setSweptSphereRadius(0.05)
+    with pytest.raises(RobotError, match=r"a Box has a swept sphere radius of 0\.05 m"):
+        capsules(shape)
 
 
 def test_what_has_no_surface():

@@ -100,6 +100,22 @@ def test_segments():
         assert float(_segments()(a, a + u, c, c + v)) == pytest.approx(expected, abs=1e-11)
 
 
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])  # [m]
+@pytest.mark.parametrize("angle", [1e-4, 1e-6, 1e-7, 3e-8, 1e-8, 1e-9, 0.0])
+def test_segments_that_cross_nearly_parallel(angle, length):
+    """Of segments across a gap at right angles to both the bound is not above the gap, and below it by little."""
+    rng, count = np.random.default_rng(6), 2000
+    frames = np.array([pin.Quaternion(*q).normalized().matrix() for q in rng.normal(size=(count, 4))])
+    shares, gaps = rng.uniform(0, 1, (2, count, 1)), length * rng.choice([0.0, 1e-8, 1e-3, 1.0], (count, 1))
+    u, n = length * frames[..., 0], frames[..., 2]
+    v = length * (np.cos(angle) * frames[..., 0] + np.sin(angle) * frames[..., 1]) * rng.choice([-1, 1], (count, 1))
+    a = rng.uniform(-0.1, 0.1, (count, 3)) * length
+    c = a + shares[0] * u + gaps * n - shares[1] * v
+    bounds = np.array(_segments().map(count)(*(x.T for x in (a, a + u, c, c + v)))).T
+    assert (bounds >= 0).all() and (bounds <= gaps + 1e-12).all()
+    np.testing.assert_allclose(bounds, gaps, atol=1e-7 * length)
+
+
 @pytest.mark.parametrize("shape", PRIMITIVES)
 @pytest.mark.parametrize("name", ["panda with a tray", "olivia"])
 def test_bounds_to_obstacles(name, shape):
