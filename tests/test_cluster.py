@@ -268,7 +268,7 @@ def test_ctrl_c_leaves_no_process(tmp_path):
     while begun.poll() is None and not content(tmp_path / "shards"):
         time.sleep(0.05)
     os.killpg(begun.pid, signal.SIGINT)
-    assert begun.communicate() == ("interrupted\n", "") and begun.returncode == 0
+    assert begun.communicate(timeout=60) == ("interrupted\n", "") and begun.returncode == 0
     end = time.monotonic() + 60
     with pytest.raises(ProcessLookupError):
         while time.monotonic() < end:  # multiprocessing's last one ends a moment later
