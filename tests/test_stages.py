@@ -192,7 +192,7 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         # The command line.
         ("scenes", "+worker=2", ["ConfigError: unknown key 'worker'", "mean 'workers'?", "Valid keys: profile"]),
         ("train", "+model.parameters.layers.drop=2", ["ConfigError: unknown key 'drop' in model.layers"]),
-        ("scenes", "environment.kind=cube", ["ConfigError: environment is 'cube'; choices: family, sphere"]),
+        ("scenes", "environment.kind=cube", ["ConfigError: environment is 'cube'; choices: family, folder, sphere"]),
         ("demonstrations", "oracle.planner.kind=prm", ["ConfigError: oracle.planner is 'prm'; choices: fmt, rrt"]),
         ("demonstrations", "oracle.adherence.kind=at", ["ConfigError: adherence is 'at'; choices: atlas, projection"]),
         ("benchmark", f"{METHOD}.planner.kind=prm", ["ConfigError", ".planner is 'prm'; choices: fmt, rrt"]),
@@ -235,7 +235,7 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("benchmark", f"scribble {MODEL}", ["ArtifactError", MODEL, "truncated or foreign"]),
         ("benchmark", f"resize {VOXELS}", ["ArtifactError: voxels of a scene are (13, 13, 13)", "(11, 11, 11)"]),
         ("choices", f"remove {MODEL}", ["ArtifactError", MODEL, "does not exist"]),
-        ("report", "", ["ArtifactError", "benchmark/sphere/trials.parquet", MISSING]),
+        ("report", "", ["ArtifactError", "benchmark/sphere/methods.json", MISSING]),
     ],
 )  # fmt: skip
 def test_bad_input_ends_in_one_line(run, chain, tmp_path, stage, broken, said):
