@@ -120,10 +120,15 @@ def _composed(root: Path, stage: str, overrides: list[str]) -> list[str]:
 
 
 def _given(root: Path, environment: str) -> list[str]:
-    """Return the files and folders of a user's that an environment reads (`FolderEnvironment`)."""
+    """Return the files and folders of a user's that an environment reads, but for meshes of a family's robot."""
     with initialize_config_dir(str(root / "conf"), version_base="1.3"):
         choice = compose(SCENES, [f"environment={environment}"]).environment
-    return [choice.parameters.folder, *choice.parameters.get("files", [])] if choice.kind == "folder" else []
+    given = choice.parameters
+    if choice.kind == "folder":
+        return [given.folder, *given.get("files", [])]
+    robot = given.robot.parameters if choice.kind == "family" and given.get("robot") else {}
+    named = [str(robot.get(key) or "") for key in ("urdf", "srdf")]
+    return [address for address in named if address and not address.startswith("package://")]
 
 
 def _code(root: Path, stage: Stage) -> list[str]:

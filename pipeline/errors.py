@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 from collections.abc import Iterable
 
 _LONGEST = 200  # characters of a value in a message
@@ -72,6 +73,25 @@ def require(
     bounds = [f"{word} {bound:g}{unit}" for word, bound in words.items() if math.isfinite(bound)]
     finite = [] if whole or math.isfinite(value) else ["finite"]
     raise ConfigError(f"{name} is {shown(value)}{unit}; it must be {' and '.join(finite + bounds)}")
+
+
+def require_name(key: str, value: str, also: str = "") -> None:
+    """Refuse a name that a file or folder cannot have anywhere: as a path it would lead elsewhere.
+
+    Args:
+        key: where it stands.
+        value: the name.
+        also: characters that it may have besides letters, digits, `_`, `-` and `.`.
+
+    Raises:
+        ConfigError: names the key, its value and what is allowed.
+    """
+    if not re.fullmatch(rf"[\w.{re.escape(also)}-]+", value) or value.startswith("."):
+        marks = ", ".join(map(repr, "_-." + also))
+        raise ConfigError(
+            f"{key} is {shown(value)}; files are named after it: it must be letters, digits and {marks}, at least one "
+            "of them, and not begin with '.'"
+        )
 
 
 def told_apart(*values: float) -> list[str]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 
-from pipeline.errors import require
+from pipeline.errors import require, require_name
 from pipeline.spec.scene import Scene, Split
 
 
@@ -83,6 +83,9 @@ class Profile:
     train: TrainScale
     benchmark: BenchmarkScale
     choices: ChoicesScale
+
+    def __post_init__(self) -> None:
+        require_name("profile.name", self.name)
 
 
 def _positive(section: str, scale: object) -> None:

@@ -37,7 +37,8 @@ def main(cfg: DictConfig) -> None:
     if config.output:
         check_file(config.output)
     contest = installed(config.contest)
-    scratch = SCRATCH / "arms" / digest(asdict(contest), code_digest(Path(__file__)))
+    sources = {name: family.sources() for name, family in contest.families.items()}
+    scratch = SCRATCH / "arms" / digest(asdict(contest), sources, code_digest(Path(__file__)))
     with single_threaded():
         upkept = maintain(config.upkeep, contest.families, contest.seed)
     with timed_shards(partial(arm_shard, contest), contest.shards(), scratch, 1, "arms", hardware) as measured:

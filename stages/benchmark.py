@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.errors import require
+from pipeline.errors import require, require_name
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.runner import PATH
@@ -23,8 +23,9 @@ from pipeline.parallel import single_threaded, timed_shards
 from pipeline.profile import Profile
 from pipeline.recording.trials import record_trials
 from pipeline.spec.environment import EnvironmentChoice
-from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
+from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
+from pipeline.tasks.sources import current_scenes
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,10 @@ class Config:
 
     def __post_init__(self) -> None:
         require("cloud", self.cloud, at_least=1)
+        for key in self.experiment.adherences:
+            require_name("a name in experiment.adherences", key)
+        for key, method in self.experiment.methods.items():
+            require_name(f"experiment.methods.{key}.label", method.label, also=" ,*")
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="benchmark")
@@ -48,7 +53,7 @@ def main(cfg: DictConfig) -> None:
     profile, name, scale = config.profile.name, config.environment.name, config.profile.benchmark
     target = destination(profile, "benchmark", name)
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
-    trained, scenes = folder(profile, "train", name) / "model.pt", read_scenes(source)
+    trained, scenes = folder(profile, "train", name) / "model.pt", current_scenes(source)
     every = read_tasks(source, scenes)
     problems = pick(every, [Split.TEST], scale.problems_per_scene, scale.others)
     grids = read_arrays(voxels, "voxels", ("scene", "voxels"))

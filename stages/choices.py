@@ -24,8 +24,9 @@ from pipeline.parallel import timed_shards
 from pipeline.profile import Profile
 from pipeline.schema import convert
 from pipeline.spec.environment import EnvironmentChoice
-from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_scenes, read_tasks
+from pipeline.spec.scene import SCENES, TASKS, Split, pick, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
+from pipeline.tasks.sources import current_scenes
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def main(cfg: DictConfig) -> None:
     target = destination(profile, "choices", name)
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained = folder(profile, "train", name) / "model.pt"
-    scenes = read_scenes(source)
+    scenes = current_scenes(source)
     problems = read_tasks(source, scenes)
     problems = pick(problems, [Split.VALIDATION], config.profile.choices.problems_per_scene)
     grids = read_arrays(voxels, "voxels", ("scene", "voxels"))

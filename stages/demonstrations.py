@@ -17,8 +17,9 @@ from pipeline.machine import here
 from pipeline.parallel import run_shards, stamped
 from pipeline.profile import Profile
 from pipeline.spec.environment import EnvironmentChoice
-from pipeline.spec.scene import SCENES, TASKS, Split, read_scenes, read_tasks
+from pipeline.spec.scene import SCENES, TASKS, Split, read_tasks
 from pipeline.stage import SCRATCH, destination, folder, guarded
+from pipeline.tasks.sources import current_scenes
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     target = destination(config.profile.name, "demonstrations", config.environment.name)
     source = folder(config.profile.name, "scenes", config.environment.name)
-    scenes = read_scenes(source)
+    scenes = current_scenes(source)
     problems = read_tasks(source, scenes)
     problems = problems[problems.split != Split.TEST.value]
     files = [source / SCENES, source / TASKS]

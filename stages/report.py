@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from pipeline import reporting
 from pipeline.atomic import atomic_entries, check_file
 from pipeline.config import load
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require_name
 from pipeline.files import read_arrays, read_json, read_table
 from pipeline.profile import Profile
 from pipeline.recording.layout import write_layout
@@ -33,6 +33,8 @@ class Config:
         check_file(self.output / "README.md")
         if not self.environments:
             raise ConfigError("environments is empty; name at least one")
+        for name in self.environments:
+            require_name("a name in environments", name)
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="report")

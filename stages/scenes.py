@@ -17,6 +17,7 @@ from pipeline.profile import Profile
 from pipeline.spec.environment import EnvironmentChoice
 from pipeline.spec.scene import Scene, write_scenes, write_tasks
 from pipeline.stage import SCRATCH, destination, guarded
+from pipeline.tasks.sources import check_sources
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ def main(cfg: DictConfig) -> None:
 
 
 def _tasks(environment: Environment, counts: dict[str, int], scene: Scene) -> pd.DataFrame:
+    check_sources([scene])  # a worker may have other files
     return environment.tasks(scene, counts[scene.name])
 
 

@@ -38,7 +38,8 @@ def main(cfg: DictConfig) -> None:
     config = load(cfg, Config)
     if config.output:
         check_file(config.output)
-    key = digest(asdict(config.soak), code_digest(Path(__file__)))
+    sources = {name: family.sources() for name, family in config.soak.families.items()}
+    key = digest(asdict(config.soak), sources, code_digest(Path(__file__)))
     shards = config.soak.shards()
     work, scratch = partial(soak_shard, config.soak), SCRATCH / "soak" / key
     frames = run_shards(work, shards, scratch, config.workers, "soak", config.cluster)

@@ -15,9 +15,10 @@ from pipeline.learning.compnetx import CompnetxNetwork
 from pipeline.learning.recipe import Recipe, train_recipe
 from pipeline.parallel import single_threaded
 from pipeline.schema import Choice
-from pipeline.spec.scene import Split, pick, read_scenes, read_tasks
+from pipeline.spec.scene import Split, pick, read_tasks
 from pipeline.stage import ARTIFACTS, SCRATCH, folder, guarded
 from pipeline.sweep import keep_row
+from pipeline.tasks.sources import current_scenes
 from pipeline.verification.verdict import VerifierParameters
 
 
@@ -44,7 +45,7 @@ def main(cfg: DictConfig) -> None:
         config.verifier,
     )
     source = folder(profile, "scenes", name)
-    scenes = read_scenes(source)
+    scenes = current_scenes(source)
     problems = read_tasks(source, scenes)
     problems = pick(problems, [Split.VALIDATION], config.problems_per_scene)
     recipe = Recipe(**{f.name: getattr(config, f.name) for f in fields(Recipe)})

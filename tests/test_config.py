@@ -235,6 +235,21 @@ def test_compose_is_the_command_line():
         ("voxels", "perception.voxels.lower=[0,0]", ["perception.voxels.lower has 2 items", "expected 3"]),
         ("scenes", "environment.parameters.bands.0.side=2", ["band.side is 2", "choices: -1, 1"]),
         ("scenes", "workers=${nowhere}", ["cannot be resolved", "nowhere"]),
+        *(
+            (stage, f"{key}={name}", [f"{key} is {name!r}; files are named after it", "digits and '_', '-', '.'"])
+            for stage in ("scenes", "demonstrations", "voxels", "train", "benchmark", "choices", "tune")
+            for key, name in (("profile.name", "../../evil"), ("environment.name", "../../../precious"))
+        ),
+        ("scenes", "profile.name=", ["profile.name is ''"]),
+        ("scenes", "environment.name=/tmp/x", ["environment.name is '/tmp/x'"]),
+        ("report", "environments=[sphere,../../x]", ["a name in environments is '../../x'"]),
+        ("benchmark", "experiment.methods.fmt.label=../x", ["experiment.methods.fmt.label is '../x'"]),
+        (
+            "benchmark",
+            "+experiment.adherences={a/b:${experiment.adherences.atlas}}",
+            ["experiment.adherences is 'a/b'"],
+        ),
+        ("soak", "+soak={families:{a/b:${soak.families.maze}},loads:{a/b:${soak.loads.maze}}}", ["families is 'a/b'"]),
     ],
 )
 def test_wrong_values_are_named(stage, override, said):

@@ -27,7 +27,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 
 from pipeline.config import ROOT
-from pipeline.dag import dag
+from pipeline.dag import _given, dag
 from pipeline.files import read_table
 from pipeline.recording import read_recording
 
@@ -285,6 +285,15 @@ def test_every_environment_has_every_stage():
             r"\$\{root\}/artifacts/\$\{profile\}/(\w+)/(\w+)/metrics\.json", path
         ).groups()
         assert stage in scripts and environment in ENVIRONMENTS
+
+
+def test_a_description_of_ones_own_is_watched(tmp_path):
+    """DVC watches the URDF of a family's robot where no package has it; its SRDF, of a package, it does not."""
+    shutil.copytree(ROOT / "conf", tmp_path / "conf")
+    path = tmp_path / "conf" / "environment" / "transport_panda.yaml"
+    path.write_text(path.read_text() + "  robot: {parameters: {urdf: mine/arm.urdf}}\n")
+    assert _given(tmp_path, "transport_panda") == ["mine/arm.urdf"]
+    assert _given(tmp_path, "sphere") == _given(ROOT, "transport_panda") == []
 
 
 def test_profiles_share_one_pipeline(stages):

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, require, shown, told_apart
+from pipeline.errors import ConfigError, require, require_name, shown, told_apart
 
 
 @pytest.mark.parametrize(
@@ -35,6 +35,30 @@ def test_refused(value, bounds, words):
 def test_accepted(value, bounds):
     """A number on a bound that includes it, or just beside one that does not, passes."""
     require("n", value, **bounds)
+
+
+@pytest.mark.parametrize(
+    "name", ["", ".", "..", ".hidden", "a/b", "/tmp/a", "../a", "a\\b", "a b", "a\n", "a\0b", "~a;", "*", "$x"]
+)
+def test_names_that_are_paths_are_refused(name):
+    """A name that is no plain part of a path, or that a shell would take for more, is refused with what is allowed."""
+    with pytest.raises(ConfigError, match=r"^x\.name is .*letters, digits and '_', '-', '\.', .*not begin with '\.'$"):
+        require_name("x.name", name)
+
+
+@pytest.mark.parametrize("name", ["sphere", "transport_panda", "scene-000.b", "größe", "3", "-a"])
+def test_names_of_files_pass(name, tmp_path):
+    """What passes is the name of a file in the folder that it was asked for."""
+    require_name("x.name", name)
+    (tmp_path / name).mkdir()
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_label_may_have_more():
+    """Further characters pass where they are named, and a slash still does not."""
+    require_name("label", "FMT*, tuned", also=" ,*")
+    with pytest.raises(ConfigError, match=r"'_', '-', '\.', ' ', ',', '\*'"):
+        require_name("label", "FMT*/tuned", also=" ,*")
 
 
 def test_numbers_are_told_apart():

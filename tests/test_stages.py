@@ -20,6 +20,7 @@ import pytest
 
 from pipeline.config import ROOT
 from pipeline.files import read_arrays, read_table, write_arrays, write_table
+from tests.tasks.test_sources import with_limit
 
 # Starts stages as the command line does, each in a process of its own, but imports torch once for all of them and saves
 # the second that Python takes to clean up behind it.
@@ -89,7 +90,7 @@ def command(stage: str, *more: str) -> list[str]:
     """Return script and arguments of a tiny run of a stage; those in `more` take the place of others."""
     replaced = {setting.partition("=")[0] for setting in more}
     settings = [setting for setting in (*TINY, *STAGE[stage]) if setting.partition("=")[0] not in replaced]
-    if stage == "report":
+    if stage == "report" or "environment" in replaced:
         settings = [setting for setting in settings if not setting.startswith("environment.")]
     return [str(ROOT / "stages" / f"{stage}.py"), *settings, *more]
 
@@ -191,7 +192,7 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         # The command line.
         ("scenes", "+worker=2", ["ConfigError: unknown key 'worker'", "mean 'workers'?", "Valid keys: profile"]),
         ("train", "+model.parameters.layers.drop=2", ["ConfigError: unknown key 'drop' in model.layers"]),
-        ("scenes", "environment.kind=cube", ["ConfigError: environment is 'cube'; choices: family, sphere"]),
+        ("scenes", "environment.kind=cube", ["ConfigError: environment is 'cube'; choices: family, folder, sphere"]),
         ("demonstrations", "oracle.planner.kind=prm", ["ConfigError: oracle.planner is 'prm'; choices: fmt, rrt"]),
         ("demonstrations", "oracle.adherence.kind=at", ["ConfigError: adherence is 'at'; choices: atlas, projection"]),
         ("benchmark", f"{METHOD}.planner.kind=prm", ["ConfigError", ".planner is 'prm'; choices: fmt, rrt"]),
@@ -234,7 +235,7 @@ METHOD = "experiment.methods.compnetx_rrtconnect"
         ("benchmark", f"scribble {MODEL}", ["ArtifactError", MODEL, "truncated or foreign"]),
         ("benchmark", f"resize {VOXELS}", ["ArtifactError: voxels of a scene are (13, 13, 13)", "(11, 11, 11)"]),
         ("choices", f"remove {MODEL}", ["ArtifactError", MODEL, "does not exist"]),
-        ("report", "", ["ArtifactError", "benchmark/sphere/trials.parquet", MISSING]),
+        ("report", "", ["ArtifactError", "benchmark/sphere/methods.json", MISSING]),
     ],
 )  # fmt: skip
 def test_bad_input_ends_in_one_line(run, chain, tmp_path, stage, broken, said):
@@ -500,6 +501,26 @@ def test_measurements_are_made_anew(run, chain, tmp_path):
         assert list((tmp_path / "scratch" / "benchmark").iterdir()) == []
         times.append(read_table(folder / "trials.parquet", "trials")["planning_time"].tolist())
     assert times[0] != times[1]
+
+
+def test_an_edited_robot_drops_shards(run, tmp_path):
+    """After an edit of a URDF no shard of before is taken; demonstrations of scenes of before are refused."""
+    settings = ["environment=transport_panda", "environment.parameters.robot.parameters.urdf=panda.urdf"]
+    settings += ["profile.scenes.pairs=1"]
+    first = {}
+    for lower in (-3.0, -2.4):
+        with_limit(tmp_path / "panda.urdf", lower)
+        if first:
+            line = only_line(run("demonstrations", tmp_path, *settings))
+            assert "scene 'transport-train-000' was made from panda.urdf with another content" in line
+        for stage in ("scenes", "demonstrations"):
+            assert run(stage, tmp_path, *settings).status == 0
+            kept = {path.name for path in (tmp_path / "scratch" / stage).iterdir()}
+            assert len(kept) == 1 + len(first.get(stage, ())) and kept > first.get(stage, set())
+            first[stage] = kept
+    paths = read_table(tmp_path / "artifacts/tiny/demonstrations/transport_panda/paths.parquet", "paths")
+    solved = paths[paths["solved"]]
+    assert len(solved) and all(np.reshape(row.path, (-1, 7))[:, 3].min() >= -2.4 for row in solved.itertuples())
 
 
 @pytest.fixture

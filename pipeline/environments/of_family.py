@@ -8,9 +8,11 @@ import pandas as pd
 from pipeline.environments.families import KINDS, make_family
 from pipeline.environments.task import Family
 from pipeline.errors import ConfigError, require
+from pipeline.problems.sources import from_here
 from pipeline.robots import ROBOTS
 from pipeline.schema import Choice
 from pipeline.spec.scene import Scene, Split, task_rows
+from pipeline.tasks.sources import contents, read_by
 
 _APART = 1_000_000  # numbers of scenes between splits
 
@@ -54,7 +56,8 @@ class FamilyEnvironment:
         for split in Split:
             for i in range(counts.get(split, 0)):
                 (task,) = family.tasks(self.seed, _number(split, i))
-                found.append(Scene(self.family, f"{self.family}-{split.value}-{i:03d}", split, (task.leg.statement,)))
+                statement, name = from_here(task.leg.statement), f"{self.family}-{split.value}-{i:03d}"
+                found.append(Scene(self.family, name, split, (statement,), contents(read_by(statement))))
         return found
 
     def tasks(self, scene: Scene, count: int) -> pd.DataFrame:

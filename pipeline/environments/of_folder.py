@@ -1,21 +1,21 @@
 """An environment whose scenes and tasks are a user's own: problem files in a folder."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import ConfigError, PipelineError, ProblemError, require
+from pipeline.errors import ConfigError, PipelineError, ProblemError, require, require_name
 from pipeline.keys import digest
 from pipeline.problems import ProblemFile, read_problem
 from pipeline.problems.build import build, sound, statement_of
-from pipeline.problems.sources import from_here, near, read_by
+from pipeline.problems.sources import from_here, read_by_problem
 from pipeline.spec.scene import Scene, Split, task_rows
 from pipeline.spec.statement import Statement
 from pipeline.tasks import hold
+from pipeline.tasks.sources import contents, installed, near
 from pipeline.verification.judge import Judge
 
 _UNTIMED = 1e9  # [s] inverse kinematics ends by tries, not by the clock: same files, same bytes
@@ -51,7 +51,8 @@ class FolderEnvironment:
         """Return the scenes of all files; `counts` change nothing.
 
         Raises:
-            ConfigError: a split has no file, or a file reads another one that DVC would not see change.
+            ConfigError: a split has no file, or a file reads another one that DVC would not see change,
+                or its name is none that scenes can have.
             ProblemError: a file that is no problem, or of another robot than the first; the message names it.
         """
         del counts
@@ -73,15 +74,15 @@ class FolderEnvironment:
         found: dict[str, tuple[Scene, tuple[Path, ...]]] = {}
         names: dict[tuple[Split, str], str] = {}
         first: tuple[Path, Statement] | None = None
-        hashed = cache(digest)  # many problems read the same files
         for split in Split:
             for path in self._paths(split):
+                require_name(f"the name of problem file {path}", path.stem)
                 file, statement = self._asked(path)
                 first = first or (path, statement)
                 _check_alike(path, statement, *first)
                 name = names.setdefault((split, digest(statement)), f"{split.value}-{path.stem}")
                 scene, before = found.get(name, (Scene(self.name, name, split, (statement,)), ()))
-                sources = {**scene.sources, **self._sources(path, file, statement, hashed)}
+                sources = {**scene.sources, **self._sources(path, file, statement)}
                 found[name] = replace(scene, sources=sources), (*before, path)
         return found
 
@@ -107,20 +108,17 @@ class FolderEnvironment:
     def _file(self, path: Path) -> ProblemFile:
         return read_problem(path, margin=self.margin, self_margin=self.self_margin, time_limit=_UNTIMED)
 
-    def _sources(
-        self, path: Path, file: ProblemFile, statement: Statement, hashed: Callable[[Path], str]
-    ) -> dict[str, str]:
+    def _sources(self, path: Path, file: ProblemFile, statement: Statement) -> dict[str, str]:
         """Return `Scene.sources` of a problem: its file, without comments, and what it reads."""
-        found = {near(path): digest(replace(file, folder=Path()))}
+        found = contents(read_by_problem(file, statement))
         allowed = [place.resolve() for place in (self.folder, *self.files)]
-        for other in read_by(file, statement):
-            if not any(other.is_relative_to(place) for place in allowed):
+        for name in found:
+            if not installed(name) and not any(Path(name).resolve().is_relative_to(place) for place in allowed):
                 raise ConfigError(
-                    f"problem file {path} reads {near(other)}, which is not in {self.folder}: name it in "
+                    f"problem file {path} reads {name}, which is not in {self.folder}: name it in "
                     "environment.parameters.files, so that stages run again when it changes"
                 )
-            found[near(other)] = hashed(other)
-        return found
+        return {near(path): digest(replace(file, folder=Path())), **found}
 
     def _ends(self, path: Path, judge: Judge) -> tuple[np.ndarray, np.ndarray]:
         try:

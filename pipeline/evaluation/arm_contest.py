@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import ConfigError, require
+from pipeline.errors import ConfigError, require, require_name
 from pipeline.evaluation.families import Setting
 from pipeline.evaluation.ompl_route import Ompl
 from pipeline.evaluation.roboplan_peer import Roboplan, RoboplanParameters, load_roboplan
@@ -70,6 +70,8 @@ class ArmContest:
         require("tasks", self.tasks, at_least=1)
         if not self.families:
             raise ConfigError("there is no family to plan")
+        for name in self.families:
+            require_name("a name in families", name)
         for name in self.tried_families:
             if name not in self.families:
                 raise ConfigError(f"tried_families names {name!r}; there are {', '.join(self.families)}")

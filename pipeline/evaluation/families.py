@@ -11,7 +11,8 @@ from pipeline.evaluation.routes import Case, Manifold, Ours, Role
 from pipeline.evaluation.trials import Method
 from pipeline.robots import ROBOTS, Geometry, UrdfRobot
 from pipeline.schema import Choice
-from pipeline.tasks import build
+from pipeline.tasks import build, robot_of
+from pipeline.tasks.sources import contents
 from pipeline.verification.verdict import VerifierParameters
 
 
@@ -60,6 +61,11 @@ class Setting:
         """Return what the robot is made of; None for mazes. `geometry` replaces what meshes become by its settings."""
         made: UrdfRobot | None = None if self.robot is None else self.robot.make(ROBOTS, "robot")
         return made if made is None or geometry is None else replace(made, geometry=geometry)
+
+    def sources(self) -> dict[str, str]:
+        """Return hashes of the files that the robot is read from, by name: none for mazes."""
+        description = self.description()
+        return {} if description is None else contents(robot_of(description).files)
 
     def family(self, geometry: Geometry | None = None) -> Family:
         """Return the family; reading its robot takes up to a second.

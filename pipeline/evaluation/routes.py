@@ -17,6 +17,7 @@ from pipeline.schema import Choice
 from pipeline.spec.scene import Scene, leg_of
 from pipeline.spec.statement import Statement
 from pipeline.tasks import Task, build
+from pipeline.tasks.sources import check_sources
 
 
 class Role(Enum):
@@ -69,7 +70,12 @@ class Case:
 
 
 def cases(environment: str, scenes: Mapping[str, Scene], problems: pd.DataFrame) -> Iterator[Case]:
-    """Yield the cases of a table of tasks, in its order, whatever their scenes ask for."""
+    """Yield the cases of a table of tasks, in its order, whatever their scenes ask for.
+
+    Raises:
+        ArtifactError: see `check_sources`; where a worker plans, its files are meant.
+    """
+    check_sources(scenes[name] for name in problems["scene"].unique())
     tuples: Any = problems.itertuples()  # pandas types its fields as any scalar
     for row in tuples:
         scene = scenes[row.scene]

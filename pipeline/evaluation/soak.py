@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from pipeline.errors import ConfigError, require
+from pipeline.errors import ConfigError, require, require_name
 from pipeline.evaluation.families import Setting
 from pipeline.evaluation.runner import Runner
 from pipeline.planners import Termination
@@ -55,6 +55,8 @@ class Soak:
     def __post_init__(self) -> None:
         if set(self.families) != set(self.loads):
             raise ConfigError(f"loads has {', '.join(self.loads)}; the families are {', '.join(self.families)}")
+        for name in self.families:
+            require_name("a name in families", name)
         require("shortcuts", self.shortcuts, at_least=0)
         require("shard", self.shard, at_least=1)
 

@@ -10,7 +10,7 @@ from pipeline.learning.engine import Trained, TrainParameters
 from pipeline.profile import Profile
 from pipeline.schema import Choice
 from pipeline.spec.environment import EnvironmentChoice
-from pipeline.spec.scene import read_scenes
+from pipeline.tasks.sources import current_scenes
 
 RECIPES = {"compnetx": CompnetxRecipe}
 
@@ -62,7 +62,7 @@ def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> tuple[Model,
         ArtifactError: a file is missing or foreign, or no demonstration of a validation scene was solved.
     """
     source, name = artifacts / recipe.profile.name, recipe.environment.name
-    scenes = read_scenes(source / "scenes" / name)
+    scenes = current_scenes(source / "scenes" / name)
     grids = read_arrays(source / "voxels" / name / "voxels.npz", "voxels")
     paths = read_table(source / "demonstrations" / name / "paths.parquet", "paths")
     voxels = dict(zip(map(str, grids["scene"]), grids["voxels"], strict=True))

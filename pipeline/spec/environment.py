@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
-from pipeline.errors import ConfigError, require
+from pipeline.errors import ConfigError, require, require_name
 from pipeline.schema import Choice
 
 
@@ -34,6 +34,7 @@ class EnvironmentChoice(Choice):
     self_margin: float
 
     def __post_init__(self) -> None:
+        require_name("environment.name", self.name)
         for name in ("margin", "self_margin"):
             require(f"environment.{name}", getattr(self, name), at_least=0)
 

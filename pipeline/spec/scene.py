@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.atomic import atomic_file
-from pipeline.errors import ArtifactError, require
+from pipeline.errors import ArtifactError, ConfigError, require, require_name
 from pipeline.files import VERSION, read_table, read_text, require_file, write_table
 from pipeline.robots import Obstacle
 from pipeline.spec.codec import decode, encode
@@ -40,8 +40,11 @@ class Scene:
         name: unique among all scenes of an environment.
         split: what it may be used for.
         legs: what is asked along each leg of its tasks; most have one.
-        sources: files that the scene and its tasks were read from, with a hash of what each says; the robot's
-            description is among them unless a package has it. What is made of the scene follows from them.
+        sources: files that the scene and its tasks were read from, such as the robot's description and its meshes,
+            with a hash of what each says. What is made of the scene follows from them.
+
+    Raises:
+        ConfigError: the name or the scenario's is none of a file: files are named after them.
     """
 
     scenario: str
@@ -49,6 +52,10 @@ class Scene:
     split: Split
     legs: tuple[Statement, ...]
     sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        require_name("a scene", self.name)
+        require_name(f"the scenario of scene {self.name}", self.scenario)
 
     @property
     def statement(self) -> Statement:
@@ -94,6 +101,8 @@ def read_scenes(folder: Path) -> dict[str, Scene]:
             found[name] = Scene(str(line["scenario"]), name, Split(line["split"]), legs, line.get("sources", {}))
         except (KeyError, TypeError, ValueError) as error:
             raise ArtifactError(f"{path}: scene {name!r} lacks {error}") from error
+        except ConfigError as error:
+            raise ArtifactError(f"{path}: {error}") from error
         if not legs or not all(isinstance(leg, Statement) for leg in legs):
             raise ArtifactError(f"{path}: scene {name!r} has no statement")
     return found

@@ -141,6 +141,14 @@ def test_a_goal_out_of_reach_is_named(problems):
         environment(problems).tasks(scene, 1)
 
 
+def test_a_file_whose_name_is_none_for_scenes_is_refused(problems):
+    """Shards and recordings are named after problem files: one with a blank or another sign in its name is refused."""
+    path = problems / "train" / "scene_000_001.yaml"
+    path.rename(path.with_name("scene 1.yaml"))
+    with pytest.raises(ConfigError, match=r"the name of problem file problems/train/scene 1\.yaml is 'scene 1'"):
+        environment(problems).scenes(COUNTS)
+
+
 def test_what_dvc_would_not_see_is_refused(problems, monkeypatch):
     """A split without a file, and a file that problems read but the environment does not name, are refused by name."""
     with pytest.raises(ConfigError, match=f"reads {URDF}, which is not in problems: name it in .*files"):
