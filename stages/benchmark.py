@@ -15,10 +15,10 @@ from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.runner import PATH
 from pipeline.evaluation.trials import Experiment, benchmark_metrics, method_settings, run_trials, sample_clouds
-from pipeline.files import read_arrays, write_arrays, write_json, write_table
+from pipeline.files import write_arrays, write_json, write_table
 from pipeline.keys import code_digest, digest
 from pipeline.learning.choices import Learned
-from pipeline.learning.compnetx import CompnetxNetwork, load_model
+from pipeline.learning.compnetx import load_model
 from pipeline.parallel import single_threaded, timed_shards
 from pipeline.profile import Profile
 from pipeline.recording.trials import record_trials
@@ -56,8 +56,7 @@ def main(cfg: DictConfig) -> None:
     trained, scenes = folder(profile, "train", name) / "model.pt", current_scenes(source)
     every = read_tasks(source, scenes)
     problems = pick(every, [Split.TEST], scale.problems_per_scene, scale.others)
-    grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
-    learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
+    learned = Learned.of(load_model(trained), voxels)
     files = [source / SCENES, source / TASKS, voxels, trained]
     chosen = [scale.problems_per_scene, scale.others, config.shard, asdict(config.environment)]
     key = digest(*files, chosen, asdict(config.experiment), code_digest(Path(__file__)))

@@ -16,10 +16,10 @@ from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.runner import PATH
 from pipeline.evaluation.trials import Experiment, Method, run_trials
-from pipeline.files import read_arrays, write_json, write_table
+from pipeline.files import write_json, write_table
 from pipeline.keys import code_digest, digest
 from pipeline.learning.choices import Learned
-from pipeline.learning.compnetx import CompnetxNetwork, load_model
+from pipeline.learning.compnetx import load_model
 from pipeline.parallel import timed_shards
 from pipeline.profile import Profile
 from pipeline.schema import convert
@@ -55,8 +55,7 @@ def main(cfg: DictConfig) -> None:
     scenes = current_scenes(source)
     problems = read_tasks(source, scenes)
     problems = pick(problems, [Split.VALIDATION], config.profile.choices.problems_per_scene)
-    grids = read_arrays(voxels, "voxels", ("scene", "voxels"))
-    learned = Learned(CompnetxNetwork(load_model(trained)), dict(zip(grids["scene"], grids["voxels"], strict=True)))
+    learned = Learned.of(load_model(trained), voxels)
     files = [source / SCENES, source / TASKS, voxels, trained]
     chosen = [config.profile.choices.problems_per_scene, config.shard, asdict(config.environment)]
     key = digest(*files, chosen, asdict(experiment), code_digest(Path(__file__)))

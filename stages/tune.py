@@ -9,9 +9,7 @@ from omegaconf import DictConfig
 from pipeline.config import load
 from pipeline.evaluation import summary
 from pipeline.evaluation.trials import Experiment, Method, run_trials
-from pipeline.files import read_arrays
 from pipeline.learning.choices import Learned
-from pipeline.learning.compnetx import CompnetxNetwork
 from pipeline.learning.recipe import Recipe, train_recipe
 from pipeline.parallel import single_threaded
 from pipeline.schema import Choice
@@ -50,8 +48,7 @@ def main(cfg: DictConfig) -> None:
     problems = pick(problems, [Split.VALIDATION], config.problems_per_scene)
     recipe = Recipe(**{f.name: getattr(config, f.name) for f in fields(Recipe)})
     model, trained = train_recipe(recipe, ARTIFACTS, SCRATCH / "train")
-    grids = read_arrays(folder(profile, "voxels", name) / "voxels.npz", "voxels", ("scene", "voxels"))
-    learned = Learned(CompnetxNetwork(model), dict(zip(grids["scene"].tolist(), grids["voxels"], strict=True)))
+    learned = Learned.of(model, folder(profile, "voxels", name) / "voxels.npz")
     with single_threaded():
         trials = pd.concat(
             run_trials(experiment, config.environment, scenes, learned, rows) for _, rows in problems.groupby("scene")

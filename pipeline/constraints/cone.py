@@ -13,7 +13,7 @@ from pipeline.errors import ConstraintError
 from pipeline.robots import Numbers, Robot
 from pipeline.robots.order import revolute
 
-_NARROWEST = 2 * TARGET_TOLERANCE  # of which a target's inset leaves nothing [rad]
+_NARROWEST = 2 * TARGET_TOLERANCE  # the inset of a target leaves nothing of a narrower one [rad]
 
 
 def in_cone(

@@ -72,7 +72,7 @@ class Ipopt:
             q: see above.
             numbers: of the structure (p,).
             limits: lower and upper ones of the variables, (n,) each.
-            bounds: likewise of the rows but the first, (m,) each.
+            bounds: lower and upper ones of the rows but the first, (m,) each.
             slack: how far rows may be out of bounds (m,). The squared share that is taken is added to the objective.
             until: time by time.perf_counter() at which it gives up [s].
         """

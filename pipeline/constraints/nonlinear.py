@@ -13,7 +13,7 @@ from pipeline.constraints.targets import TARGET_TOLERANCE, Target, TargetSet
 from pipeline.errors import ConstraintError
 from pipeline.robots import Numbers, Robot
 
-_SLACK = 0.98  # of what a target set leaves an equation: IPOPT meets rows to some 1e-8
+_SLACK = 0.98  # an equation may use this share of its tolerance: IPOPT meets rows to some 1e-8 only
 
 # What is to be least: an expression of q (n,), of the guess (n,) that a solve begins with, and of numbers.
 Objective = Callable[[ca.SX, ca.SX, Numbers], ca.SX]

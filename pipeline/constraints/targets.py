@@ -21,8 +21,8 @@ from pipeline.robots import Numbers, Robot
 from pipeline.robots.symbolic import rotation_vector
 from pipeline.robots.turning import Turning
 
-TARGET_TOLERANCE = 1e-3  # of the target's rows [m and rad]
-_NOISE = 0.2  # of the first starts near a known configuration; grows with the tries [rad or m]
+TARGET_TOLERANCE = 1e-3  # rows of a target are met within this [m and rad]
+_NOISE = 0.2  # the first starts near a known configuration are this far off; later ones are farther [rad or m]
 
 # What is wanted: values within bounds, as expressions of q (n,) that take numbers as arguments.
 Target = Callable[[ca.SX, Numbers], Within]

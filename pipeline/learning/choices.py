@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pipeline.errors import ConfigError
-from pipeline.learning.compnetx import CompnetxNetwork, CompnetxParameters, CompnetxSampler
+from pipeline.learning.compnetx import CompnetxNetwork, CompnetxParameters, CompnetxSampler, Model
+from pipeline.perception import read_voxels
 from pipeline.samplers.base import Sampler
 from pipeline.samplers.uniform import UniformParameters, UniformSampler
 from pipeline.schema import Choice
@@ -19,6 +21,11 @@ class Learned:
 
     network: CompnetxNetwork
     voxels: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of(cls, model: Model, voxels: Path) -> "Learned":
+        """Return a model's network with the grids of a file. Raises as `read_voxels` does."""
+        return cls(CompnetxNetwork(model), read_voxels(voxels))
 
 
 @dataclass(frozen=True)

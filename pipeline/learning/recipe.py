@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.files import read_arrays, read_table
+from pipeline.files import read_table
 from pipeline.learning.compnetx import Model
 from pipeline.learning.compnetx.recipe import CompnetxRecipe, train_compnetx
 from pipeline.learning.engine import Trained, TrainParameters
+from pipeline.perception import read_voxels
 from pipeline.profile import Profile
 from pipeline.schema import Choice
 from pipeline.spec.environment import EnvironmentChoice
@@ -63,7 +64,6 @@ def train_recipe(recipe: Recipe, artifacts: Path, scratch: Path) -> tuple[Model,
     """
     source, name = artifacts / recipe.profile.name, recipe.environment.name
     scenes = current_scenes(source / "scenes" / name)
-    grids = read_arrays(source / "voxels" / name / "voxels.npz", "voxels")
+    voxels = read_voxels(source / "voxels" / name / "voxels.npz")
     paths = read_table(source / "demonstrations" / name / "paths.parquet", "paths")
-    voxels = dict(zip(map(str, grids["scene"]), grids["voxels"], strict=True))
     return train_compnetx(recipe.made(), recipe.parameters(), scenes, voxels, paths, scratch)

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from pipeline.errors import ConfigError, require
+from pipeline.files import read_arrays
 from pipeline.perception.reach import reached
 from pipeline.perception.surface import surface_points
 from pipeline.robots import Obstacle, UrdfRobot
@@ -132,3 +134,13 @@ def _check_grid(bounds: np.ndarray, size: int) -> None:
     require("voxels.size", size, at_least=1)
     if bounds.shape != (2, 3) or not np.isfinite(bounds).all() or not (bounds[0] < bounds[1]).all():
         raise ConfigError(f"voxel bounds are {bounds.tolist()}; expected finite corners (2, 3) [m], lower below upper")
+
+
+def read_voxels(path: Path) -> dict[str, np.ndarray]:
+    """Return the grids (L, W, H) of bool that the voxels stage wrote, by scene.
+
+    Raises:
+        ArtifactError: the file is missing, truncated or foreign.
+    """
+    grids = read_arrays(path, "voxels", ("scene", "voxels"))
+    return dict(zip(grids["scene"].tolist(), grids["voxels"], strict=True))
