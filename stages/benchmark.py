@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline.atomic import atomic_folder
 from pipeline.config import load
-from pipeline.errors import require, require_name
+from pipeline.errors import require
 from pipeline.evaluation.hardware import hardware
 from pipeline.evaluation.oracle import shards
 from pipeline.evaluation.runner import PATH
@@ -40,10 +40,7 @@ class Config:
 
     def __post_init__(self) -> None:
         require("cloud", self.cloud, at_least=1)
-        for key in self.experiment.adherences:
-            require_name("a name in experiment.adherences", key)
-        for key, method in self.experiment.methods.items():
-            require_name(f"experiment.methods.{key}.label", method.label, also=" ,*")
+        self.experiment.check_names()
 
 
 @hydra.main(version_base="1.3", config_path="../conf", config_name="benchmark")
@@ -54,8 +51,7 @@ def main(cfg: DictConfig) -> None:
     target = destination(profile, "benchmark", name)
     source, voxels = folder(profile, "scenes", name), folder(profile, "voxels", name) / "voxels.npz"
     trained, scenes = folder(profile, "train", name) / "model.pt", current_scenes(source)
-    every = read_tasks(source, scenes)
-    problems = pick(every, [Split.TEST], scale.problems_per_scene, scale.others)
+    problems = pick(read_tasks(source, scenes), [Split.TEST], scale.problems_per_scene, scale.others)
     learned = Learned.of(load_model(trained), voxels)
     files = [source / SCENES, source / TASKS, voxels, trained]
     chosen = [scale.problems_per_scene, scale.others, config.shard, asdict(config.environment)]

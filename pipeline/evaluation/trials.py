@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import ConfigError, require
+from pipeline.errors import ConfigError, require, require_name
 from pipeline.evaluation.routes import Manifold, Names, Ours, Role, cases
 from pipeline.evaluation.runner import Runner
 from pipeline.learning.choices import Learned, check_sampler, make_sampler
@@ -84,6 +84,17 @@ class Experiment:
             raise ConfigError("an experiment needs at least one method and one adherence")
         require("time_limit", self.time_limit, above=0, unit=" s")
         require("seed", self.seed, at_least=0)
+
+    def check_names(self) -> None:
+        """Refuse keys of adherences and labels of methods that no recording can be named after.
+
+        Raises:
+            ConfigError: names the first of them.
+        """
+        for key in self.adherences:
+            require_name("a name in experiment.adherences", key)
+        for key, method in self.methods.items():
+            require_name(f"experiment.methods.{key}.label", method.label, also=" ,*")
 
     def run(self, parts: Mapping[str, Part]) -> dict[str, Part]:
         """Return those of the methods or of the adherences that are run."""
